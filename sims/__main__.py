@@ -11,8 +11,7 @@ from sims.cell import CellError, read_cell
 from sims.running import Settings, run_cell
 from sims.schema import schema_of
 from sims.simulators import BadSimulator, installed
-from sims.truth import write_truth
-from sims.truth_rows import TruthError
+from sims.truth import TruthError, write_truth
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, final
 
 from sims.kernel import Kernel
-from sims.settings import FaultKind
+from sims.simulator import FaultKind
 
 SEARCH, SEARCH_END = "robot.search", "robot.search_end"
 """The events that `search:` and `before_search:` mean."""

@@ -1,9 +1,11 @@
-"""The robot file, as far as the simulated robot needs it."""
+"""The robot file, as far as the simulated robot needs it, and where the shipped ones are."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from math import cos, radians, sin
+from pathlib import Path
 from typing import final
 
 from sims.section import Section
@@ -152,3 +154,11 @@ def _joint(joint: Section) -> Joint:
     if not low < high:
         joint.note("max", f"{high:g} is not above min, {low:g}")
     return Joint(int(sign), joint.number("offset", 0.0), low, high, joint.number("max_speed", least=1e-3))
+
+
+def robot_path(model: str, folder: Path) -> Path:
+    """The robot file that `model`, in a cell file in `folder`, means: a path from there, else a shipped name."""
+    path = folder / model
+    spec = find_spec("procedures")
+    shipped = [Path(place) / "robots" / f"{model}.yaml" for place in (spec and spec.submodule_search_locations) or ()]
+    return next((file for file in (path, *shipped) if file.is_file()), path)

@@ -1,18 +1,22 @@
-"""`python -m sims run`: every device of a cell on its own wire, with a common time, until stopped."""
+"""`python -m sims run`: every device of a cell on its own wire, with a common time, until stopped or orphaned."""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import json
+import mmap
 import os
+import shutil
 import signal
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO, final
 
-from sims import parent
 from sims.cell import CellError, SimCell, Simulate, read_cell
 from sims.control import ControlPort
 from sims.faults import Faults
@@ -21,8 +25,58 @@ from sims.memory import BadMemory, Memory, sole_user
 from sims.scene.scene import Scene
 from sims.simulator import CannotStart, Setup, Started
 from sims.simulators import installed
-from sims.timefile import TimeFile
 from sims.wires import Wire
+
+
+@final
+class TimeFile:
+    """An 8-byte little-endian integer, nanoseconds, memory-mapped, in a folder of its own that `close` removes."""
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="cellsim-")) / "time"
+        self.path.write_bytes(bytes(8))
+        with self.path.open("r+b") as stream:
+            self._map = mmap.mmap(stream.fileno(), 8)
+        # one store of a machine word: struct.pack_into would write byte by byte, and a reader could see half a time
+        self._word = memoryview(self._map).cast("q")
+
+    def publish(self, now_ns: int) -> None:
+        """Write the cell's time."""
+        self._word[0] = now_ns
+
+    def close(self) -> None:
+        """Remove the file. Readers that have it mapped keep its last value."""
+        self._word.release()
+        self._map.close()
+        shutil.rmtree(self.path.parent, ignore_errors=True)
+
+
+_PR_SET_PDEATHSIG = 1
+
+
+def end_with_parent(kernel: Kernel, parent: int) -> None:
+    """Stop `kernel` once the process `parent` is gone, be it ours or not."""
+    if os.getppid() == parent:
+        _die_with_parent()
+    with suppress(OSError, AttributeError):
+        # sees the end even where nobody has collected the process yet
+        kernel.watch(os.pidfd_open(parent), kernel.stop)
+    kernel.every_half_second(lambda: None if _exists(parent) else kernel.stop())
+
+
+def _die_with_parent() -> None:
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _exists(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 @final
@@ -142,7 +196,7 @@ def run_cell(path: Path, settings: Settings) -> None:
         closing.callback(running.close)
         _on_signals(lambda *_: running.kernel.stop())
         if settings.parent is not None:
-            parent.end_with(running.kernel, settings.parent)
+            end_with_parent(running.kernel, settings.parent)
         memory.write()  # a file that cannot be written is better known now
         _tell(json.dumps(running.ready), settings.ready)
         running.run()

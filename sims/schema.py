@@ -7,7 +7,7 @@ from typing import Any
 
 from sims.cell import ERRORS
 from sims.faults import WHEN
-from sims.settings import FaultKind
+from sims.simulator import FaultKind
 from sims.simulators import Simulators
 
 _COUNT = {"type": "integer", "minimum": 1}

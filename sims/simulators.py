@@ -10,7 +10,7 @@ from typing import final
 from urllib.parse import urlsplit
 
 from sims.faults import FaultCatalogue
-from sims.scene.faults import SCENE_FAULTS
+from sims.scene.safety import SCENE_FAULTS
 from sims.simulator import Simulator
 
 GROUP = "cellctl.simulators"

@@ -1,7 +1,7 @@
 """The library of nominal robots, found by name: the robot files that are shipped in `procedures/robots`.
 
 A name is a file's name without folder and suffix. The simulators, which share no code with cellctl, find the same files
-by the same rule (`sims/robot_library.py`).
+by the same rule (`sims/robot_file.py`).
 """
 
 from __future__ import annotations

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from urllib.parse import parse_qsl, urlsplit
 
-from sims.settings import FOR_MS, FaultKind, Setting
-from sims.simulator import Setup, Simulator, Started
+from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
 
 SYNC = "drives.sync"
 _NODE = Setting("node", "whole", 1, 1, what="Its node number on the bus.")

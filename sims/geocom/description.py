@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from urllib.parse import parse_qsl, urlsplit
 
-from sims.geocom.profiles import DEFAULT, PROFILES
-from sims.settings import FOR_MS, FaultKind, Setting
-from sims.simulator import CannotStart, Setup, Simulator, Started
+from sims.geocom.accuracy import DEFAULT, PROFILES
+from sims.simulator import FOR_MS, CannotStart, FaultKind, Setting, Setup, Simulator, Started
 
 BAUD = 9_600
 """Of an address without `baud`: what instruments are delivered with."""

@@ -6,15 +6,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import final
 
-from sims.geocom.codes import Code
+from sims.geocom.accuracy import ARCSEC
 from sims.geocom.configuration import REFLECTORLESS_MODES, TRACKING_SECONDS
-from sims.geocom.distance import Measured
-from sims.geocom.instrument import Instrument
-from sims.geocom.lines import Value
+from sims.geocom.instrument import Instrument, Measured
 from sims.geocom.optics import Direction, point_at
-from sims.geocom.procedures import Procedure, Procedures, among
-from sims.geocom.profiles import ARCSEC
-from sims.geocom.work import DONE, Answer, Step, Work
+from sims.geocom.protocol import DONE, Answer, Code, Procedure, Procedures, Step, Value, Work, among
 
 INCLINE_MODES = range(3)
 STOP, DISTANCE, TRACK, CLEAR, SIGNAL, RESTART, RAPID_TRACK, NO_REFLECTOR, FREQUENCY = 0, 1, 2, 3, 4, 6, 8, 10, 11

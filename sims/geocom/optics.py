@@ -1,4 +1,7 @@
-"""The instrument's geometry: directions and readings in both faces, tilt, what it can see. Pure functions.
+"""What the instrument sees: directions and readings in both faces, tilt, air, targets of the scene and their faults.
+
+Leica TPS1200 user manual, atmospheric corrections: reference atmosphere 12 °C, 1013.25 hPa, 60 %, carrier 658–850 nm:
+ppm = 281.8 − (0.29065 p − 4.126e-4 · h · 10^x) / (1 + t / 273.15), x = 7.5 t / (237.3 + t) + 0.7857.
 
 Instrument frame: right-handed, mm; x at Hz = 90°, y at Hz = 0, z along the standing axis. Hz grows clockwise seen from
 above, V is counted from the zenith (protocols.md 2.3): x = D sin V sin Hz, y = D sin V cos Hz, z = D cos V.
@@ -8,12 +11,46 @@ In face 2 the same direction reads Hz + π, 2π − V.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from math import acos, atan2, cos, degrees, hypot, pi, sin, sqrt
+from dataclasses import dataclass, replace
+from math import acos, atan2, cos, degrees, hypot, pi, radians, sin, sqrt
 from typing import TYPE_CHECKING, final
 
+from sims.faults import Faults
+from sims.scene.scene import Scene
+
 if TYPE_CHECKING:
-    from sims.world.reflectors import Target
+    from sims.world.true_places import Target
+
+
+def saturation_hpa(air_c: float) -> float:
+    """Pressure of saturated water vapour over water (Magnus), hPa; the manual's 10^x."""
+    return float(10 ** (7.5 * air_c / (237.3 + air_c) + 0.7857))
+
+
+def ppm_of_air(air_c: float, pressure_hpa: float, vapour_hpa: float) -> float:
+    """Part of a distance, in millionths, that must be added to what the instrument measures in this air."""
+    return 281.8 - (0.29065 * pressure_hpa - 4.126e-2 * vapour_hpa) / (1 + air_c / 273.15)
+
+
+def vapour_of_humidity(air_c: float, humidity_percent: float) -> float:
+    """Partial pressure of water vapour, hPa."""
+    return humidity_percent / 100 * saturation_hpa(air_c)
+
+
+def vapour_of_wet_bulb(dry_c: float, wet_c: float, pressure_hpa: float) -> float:
+    """Partial pressure of water vapour from a psychrometer (Sprung), hPa; never below 0."""
+    return max(0.0, saturation_hpa(wet_c) - 6.62e-4 * pressure_hpa * (dry_c - wet_c))
+
+
+def measured_mm(
+    true_mm: float, *, ppm_set: float, ppm_true: float, constant_set_mm: float, constant_true_mm: float
+) -> float:
+    """The distance that the instrument shows: right where air and constant are set as they are.
+
+    The light travels `true_mm` less the reflector's constant, at the air's true speed.
+    """
+    return (true_mm - constant_true_mm) * (1 + (ppm_set - ppm_true) * 1e-6) + constant_set_mm
+
 
 Vector = tuple[float, float, float]
 Matrix = Sequence[Sequence[float]]
@@ -190,3 +227,87 @@ def in_window(seen: Iterable[Seen], axis: Direction, half_hz: float, half_v: flo
         if abs(difference(towards.hz, axis.hz)) <= half_hz and abs(difference(towards.v, axis.v)) <= half_v:
             found.append(one)
     return found
+
+
+COMPENSATOR_RAD = radians(4 / 60)
+"""The compensator's range: ± 4′."""
+
+GROSS_TILT_RAD = radians(1.0)
+"""The instrument refuses to measure beyond this tilt."""
+
+
+@final
+class Sight:
+    """The reflectors in the instrument's frame, levelled where the compensator does it, at the present moment.
+
+    lost: reflectors that are gone (fault `tracker.reflector_lost`).
+    """
+
+    def __init__(self, scene: Scene, faults: Faults) -> None:
+        self._scene = scene
+        self._faults = faults
+        self.lost: set[str] = set()
+
+    def targets(self, *, compensated: bool, wanted: Callable[[Seen], bool] = lambda seen: True) -> tuple[Seen, ...]:
+        """The wanted reflectors that can be seen now."""
+        if self._faults.active("tracker.beam_broken"):
+            return ()
+        scene, tilt = self._scene, self.tilt if compensated and self.compensator_works else (0.0, 0.0)
+        return visible(
+            scene.reflectors(),
+            self._station(),
+            tilt,
+            scene.blocked,
+            lambda seen: seen.id not in self.lost and wanted(seen),
+        )
+
+    def with_second(self, seen: tuple[Seen, ...], axis: Direction) -> tuple[Seen, ...]:
+        """And a reflection beside the reflector nearest to the axis, while the fault is active."""
+        fault = self._faults.active("tracker.second_target")
+        first = nearest(seen, axis, radians(10))
+        if fault is None or first is None:
+            return seen
+        x, y, z = first.xyz
+        across = fault.settings["beside_mm"] / max(hypot(x, y), 1.0)
+        return (*seen, replace(first, id=f"{first.id} second", xyz=(x + y * across, y - x * across, z)))
+
+    @property
+    def compensator_works(self) -> bool:
+        """Whether the tilt is in the compensator's range."""
+        return max(map(abs, self.tilt)) <= COMPENSATOR_RAD
+
+    @property
+    def grossly_tilted(self) -> bool:
+        """Whether nothing can be measured at all."""
+        return hypot(*self.tilt) > GROSS_TILT_RAD
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """By which the standing axis leans, about the instrument's x and y, rad."""
+        fault = self._faults.active("tracker.tilt")
+        about_x, about_y = tilt_of(self._station(), self._scene.world.up)
+        return (about_x + radians(fault.settings["arcmin"] / 60), about_y) if fault else (about_x, about_y)
+
+    def ppm(self) -> float:
+        """The atmospheric correction that the true air needs."""
+        true = self._scene.environment()
+        vapour = vapour_of_humidity(true.air_c, true.humidity_percent)
+        return ppm_of_air(true.air_c, true.pressure_hpa, vapour)
+
+    def air_c(self) -> float:
+        """Temperature of the air."""
+        return self._scene.environment().air_c
+
+    def pose(self) -> str:
+        """What the robot has been commanded to, and how often: the key of the noise."""
+        arm = self._scene.arm
+        return ",".join(f"{joint:.4f}" for joint in arm.commanded) + f" {arm.attempt}"
+
+    def changes(self) -> tuple[bool, bool, int]:
+        """Whether the arm moves, the beam is broken, and how many reflectors are lost: the reasons to look again."""
+        broken = self._faults.active("tracker.beam_broken") is not None
+        return (self._scene.arm.moving, broken, len(self.lost))
+
+    def _station(self) -> Matrix:
+        found: list[list[float]] = self._scene.station().tolist()
+        return found

@@ -6,22 +6,18 @@ from collections.abc import Callable, Mapping
 from typing import Any, final
 
 from sims.faults import Faults
-from sims.geocom.aiming import Aiming
+from sims.geocom.accuracy import PROFILES
 from sims.geocom.description import baud_of, profile_of
 from sims.geocom.instrument import Build, Instrument, Power
 from sims.geocom.measuring_rpcs import measuring_procedures
-from sims.geocom.motion_rpcs import motion_procedures
-from sims.geocom.optics import nearest
-from sims.geocom.profiles import PROFILES
-from sims.geocom.receiver import Receiver
-from sims.geocom.sender import Sender
-from sims.geocom.session import Session
+from sims.geocom.motion import Aiming, motion_procedures
+from sims.geocom.optics import Sight, nearest
+from sims.geocom.session import Receiver, Sender, Session
 from sims.geocom.settings_rpcs import settings_procedures
-from sims.geocom.sight import Sight
 from sims.kernel import Kernel
 from sims.scene.scene import Scene
 from sims.simulator import Request, Setup, with_path
-from sims.terminal import Terminal
+from sims.wires import Terminal
 
 ANYWHERE_RAD = 10.0
 

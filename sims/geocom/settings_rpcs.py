@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from sims.geocom.codes import Code
 from sims.geocom.configuration import EDM_OF_PROGRAM, MODES, USER_PRISM, USER_PRISMS, GeometricPpm, Prism
 from sims.geocom.instrument import Instrument, Power
-from sims.geocom.procedures import BOOLEANS, BadParameter, Procedure, Procedures, among, getter, setter
-from sims.geocom.work import DONE, Answer, Step, Work, seconds
+from sims.geocom.protocol import (
+    BOOLEANS,
+    DONE,
+    Answer,
+    BadParameter,
+    Code,
+    Procedure,
+    Procedures,
+    Step,
+    Work,
+    among,
+    getter,
+    seconds,
+    setter,
+)
 
 RELEASE = (4, 20, 0)
 """Of the GeoCOM server and of the firmware."""

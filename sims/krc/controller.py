@@ -7,21 +7,14 @@ from collections.abc import Callable, Mapping
 from typing import Any, final
 from urllib.parse import parse_qsl, urlsplit
 
-from sims.krc.currents import CurrentDisplay
-from sims.krc.drive_monitor import DriveMonitor
-from sims.krc.eki_messages import print_ident
+from sims.krc.eki_messages import TableDesk, print_ident
 from sims.krc.eki_server import EkiServer
-from sims.krc.ethernet_config import AXES, BadConfig, EthernetConfig, read_config
-from sims.krc.own_program import program_of
 from sims.krc.program import Program
-from sims.krc.rsi_exchange import RsiContext, RsiSettings
-from sims.krc.rsi_link import RsiLink, target_of
-from sims.krc.servo import Servo
-from sims.krc.signal_flow import AxisCorrection, LateCounter
-from sims.krc.table_desk import TableDesk
-from sims.krc.table_memory import state_of_tables, tables_from
-from sims.krc.tables import Tables
-from sims.krc.telegram import TelegramFormat, Value
+from sims.krc.rsi_exchange import AxisCorrection, LateCounter, RsiContext, RsiLink, RsiSettings, target_of
+from sims.krc.rsi_session import program_of
+from sims.krc.servo import CurrentDisplay, DriveMonitor, Servo
+from sims.krc.tables import Tables, state_of_tables, tables_from
+from sims.krc.telegram import AXES, BadConfig, EthernetConfig, TelegramFormat, Value, read_config
 from sims.scene.arm import MovingArm
 from sims.simulator import Refused, Request, Setup, with_settings
 from sims.world.world import World

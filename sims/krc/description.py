@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from sims.faults import SEARCH, SEARCH_END
-from sims.settings import FOR_MS, FaultKind, Setting
-from sims.simulator import Setup, Simulator, Started
+from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
 
 MOVE = "robot.move"
 

@@ -10,15 +10,12 @@ from typing import final
 from sims.faults import SEARCH, SEARCH_END
 from sims.kernel import Event
 from sims.krc.description import MOVE
-from sims.krc.eki_fields import Unreadable
-from sims.krc.eki_messages import Code, Command, print_reply, print_state, read_command
-from sims.krc.own_program import OwnProgram
-from sims.krc.path_correction import PathCorrection
+from sims.krc.eki_messages import Code, Command, TableDesk, print_reply, print_state, read_command
 from sims.krc.rsi_exchange import MS, RsiContext
-from sims.krc.rsi_session import RsiSession
-from sims.krc.table_desk import TableDesk
+from sims.krc.rsi_session import OwnProgram, PathCorrection, RsiSession
+from sims.krc.xml_documents import Unreadable
 from sims.memory import Memory
-from sims.scene.contact_log import ContactLog
+from sims.scene.contact import ContactLog
 from sims.scene.motions import Joints
 from sims.scene.safety import Safety
 

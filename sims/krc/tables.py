@@ -1,11 +1,11 @@
-"""Compensation tables as the controller keeps them, from docs/reference/eki-channel.md: staged, active, previous."""
+"""Compensation tables as the controller keeps them: staged, active, previous, and remembered between processes."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import final
+from typing import Any, final
 
 from sims.scene.motions import Joints
 
@@ -151,3 +151,33 @@ def table_sum(text: str) -> str:
 def _fits(total: str, text: str, what: str) -> None:
     if total != (found := table_sum(text)):
         raise BadSum(f"the sum of {what} is {found}, not {total}")
+
+
+def state_of_tables(tables: Tables) -> dict[str, Any]:
+    """As JSON has it. What is staged is not remembered."""
+    return {"active": _told(tables.active), "previous": _told(tables.previous)}
+
+
+def tables_from(state: Mapping[str, Any], axes: int) -> Tables:
+    """The tables of a `state` that was kept. Raises ValueError, TypeError, LookupError, AttributeError."""
+    return Tables(_table(state["active"], axes), _table(state["previous"], axes))
+
+
+def _told(table: Table | None) -> dict[str, str] | None:
+    return table and {"id": table.id, "sum": table.sum, "lines": table.lines}
+
+
+def _table(state: Mapping[str, str] | None, axes: int) -> Table | None:
+    if state is None:
+        return None
+    if table_sum(state["lines"]) != state["sum"]:
+        raise ValueError(f"the sum of table '{state['id']}' does not fit")
+    rows = tuple(_row(line.split(";")[1:], axes) for line in state["lines"].splitlines())
+    return Table(state["id"], state["sum"], rows, state["lines"])
+
+
+def _row(fields: list[str], axes: int) -> Row:
+    angles = tuple(float(field) for field in fields)
+    if len(angles) != 2 * axes:
+        raise ValueError(f"a row has {len(angles)} angles, not {2 * axes}")
+    return Row(angles[:axes], angles[axes:])

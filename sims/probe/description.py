@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from urllib.parse import parse_qsl, urlsplit
 
-from sims.settings import FOR_MS, FaultKind, Setting
-from sims.simulator import Setup, Simulator, Started
+from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
 
 ARM, CONTACT = "probe.arm", "probe.contact"
 BAUD = 250_000

@@ -1,23 +1,73 @@
-"""The arm in motion: where it is at any time, and the contacts and collisions on its way."""
+"""The arm in motion: where it is at any time, contacts and collisions on its way, its state between processes."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
-from math import radians
-from typing import final
+from math import isfinite, radians
+from typing import Any, final
 
 from sims.kernel import Event, Kernel
-from sims.scene.contact_log import ContactLog
-from sims.scene.contact_loop import ContactLoop
-from sims.scene.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State
-from sims.scene.stance import Stance
-from sims.world.crossings import crossings
-from sims.world.motors import PRESLIDING_DEG, lagging, slid
-from sims.world.nominal import Matrix
-from sims.world.screws import Vector
+from sims.scene.contact import ContactLog, ContactLoop
+from sims.scene.motions import FULL_SPEED_AFTER_S, Braking, Joints, Motion, PointToPoint, Standing, State, crossings
+from sims.world.drives import PRESLIDING_DEG, lagging, slid
+from sims.world.kinematics import Matrix, Vector
 from sims.world.world import World
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """Joints as they really are, degrees; the programmed ones; the scatter that goes with them, mm (None: to be drawn).
+
+    `attempts`: how often each pose has been commanded, by its joints in 1e-4°; `attempt`: which one this is, from 0.
+    `slack`: how far each link is ahead of its joint within the play, degrees; `sliding`: each joint's share of its
+    Coulomb friction; none where nothing is known of them.
+    """
+
+    joints: Joints
+    commanded: Joints
+    scatter: Vector | None = None
+    attempt: int = 0
+    attempts: Mapping[str, int] = field(default_factory=dict)
+    slack: Joints = ()
+    sliding: Joints = ()
+
+    def state(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "joints": self.joints,
+            "commanded": self.commanded,
+            "scatter": self.scatter,
+            "attempt": self.attempt,
+            "attempts": dict(self.attempts),
+            "slack": self.slack,
+            "sliding": self.sliding,
+        }
+
+
+def stance_from(state: Mapping[str, Any], axes: int) -> Stance:
+    """The stance of a `state` that was kept. Raises ValueError, TypeError, LookupError, AttributeError."""
+    x, y, z = _numbers(state["scatter"], 3)
+    return Stance(
+        joints=_numbers(state["joints"], axes),
+        commanded=_numbers(state["commanded"], axes),
+        scatter=(x, y, z),
+        attempt=int(state["attempt"]),
+        attempts={str(pose): int(count) for pose, count in state["attempts"].items()},
+        slack=_numbers(state["slack"], axes) if state.get("slack") else (),
+        sliding=_numbers(state["sliding"], axes) if state.get("sliding") else (),
+    )
+
+
+def _numbers(values: Any, count: int) -> tuple[float, ...]:
+    numbers = tuple(float(value) for value in values)
+    if len(numbers) != count or not all(map(isfinite, numbers)):
+        raise ValueError(f"{count} finite numbers are expected, not {values!r}")
+    return numbers
+
 
 LOOK_AHEAD_NS = 10_000_000
 COLLISION_MM = 3.0

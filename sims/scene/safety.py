@@ -1,4 +1,4 @@
-"""The hard-wired safety chain of the cell: emergency stop and guard. Every simulated device of the cell sees it."""
+"""What can go wrong in the scene, whatever devices there are, and its safety chain: emergency stop, guard."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import final
 
 from sims.faults import Faults
-from sims.settings import FOR_MS, FaultKind
+from sims.simulator import FOR_MS, FaultKind, Setting
 
 EMERGENCY_STOP = FaultKind("safety.emergency_stop", "somebody presses the emergency stop", (FOR_MS,))
 GUARD_OPEN = FaultKind("safety.guard_open", "somebody opens the guard door", (FOR_MS,))
@@ -64,3 +64,26 @@ class Safety:
         self.emergency_stop_ok, self.guard_closed, self.motion_enabled = state
         for callback in self._callbacks:
             callback()
+
+
+TIP_JUMP = FaultKind(
+    "tip.jump",
+    "the tip is shorter from then on, as after a collision of the wire",
+    (Setting("mm", "number", 0.5, 0.0, what="By how much the tip is shorter."),),
+    momentary=True,
+)
+STATION_BUMP = FaultKind(
+    "station.bump",
+    "the instrument is moved and turned, in directions by seed, and stays there",
+    (
+        Setting("mm", "number", 1.0, 0.0, what="By how much it is moved."),
+        Setting("deg", "number", 0.02, 0.0, what="By how much it is turned."),
+    ),
+    momentary=True,
+)
+REFLECTOR_WRONG = FaultKind(
+    "reflector.wrong",
+    "another kind of reflector is in use, on the robot and in the nests: its constant differs from the file's",
+    (Setting("mm", "number", 5.0, 0.0, what="By how much its constant is greater."), FOR_MS),
+)
+SCENE_FAULTS = (TIP_JUMP, STATION_BUMP, REFLECTOR_WRONG, *SAFETY_FAULTS)

@@ -1,26 +1,130 @@
-"""The scene of a simulated cell: built before any device's simulator, and given to each of them."""
+"""The scene of a simulated cell, given to each device's simulator: arm, motor currents, places that are measured."""
 
 from __future__ import annotations
 
-from typing import TextIO, final
+from collections.abc import Mapping
+from math import dist
+from typing import Any, TextIO, final
 
-from sims.cell import SimCell
+from sims.cell import Reflectors, SimCell
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory
-from sims.scene.arm import MovingArm
-from sims.scene.contact_log import ContactLog
-from sims.scene.contact_loop import ContactLoop
-from sims.scene.faults import TIP_JUMP
-from sims.scene.measured_places import MeasuredPlaces
-from sims.scene.motor_currents import MotorCurrents
-from sims.scene.safety import Safety
-from sims.scene.stance import Stance, stance_from
+from sims.scene.arm import MovingArm, Stance, stance_from
+from sims.scene.contact import ContactLog, ContactLoop
+from sims.scene.motions import Joints
+from sims.scene.safety import REFLECTOR_WRONG, STATION_BUMP, TIP_JUMP, Safety
 from sims.world.environment import Environment
-from sims.world.nominal import Matrix
-from sims.world.reflectors import Target
-from sims.world.screws import Vector
+from sims.world.kinematics import Matrix, Vector, vector
+from sims.world.true_places import Target, TrueReflectors, TrueStation, true_nests
 from sims.world.world import World
+
+
+@final
+class MeasuredPlaces:
+    """Of one cell. Times are `on_ns`: how long the cell has been on. Bumps of the station are kept in `memory`."""
+
+    def __init__(self, cell: SimCell, up: Vector, faults: Faults, memory: Memory) -> None:
+        seed, errors = cell.simulate.seed, cell.simulate.errors
+        self._faults, self._memory = faults, memory
+        self._bumps: list[tuple[float, float]] = memory.recall("station", _bumps) or []
+        self._file = cell.reflectors or Reflectors()
+        self._on_robot = TrueReflectors(self._file, seed, errors["reflector"])
+        self._station: TrueStation | None = None
+        self._nests: Mapping[str, Vector] = {}
+        if cell.station:
+            self._station = TrueStation(cell.station, up, seed, errors["station"], errors["station_drift"])
+            self._nests = true_nests(cell.station, seed, errors["station"])
+            memory.keep("station", lambda: {"bumps": self._bumps})
+        faults.on_start(STATION_BUMP.name, self._bump)
+
+    def station(self, on_ns: int) -> Matrix:
+        """The instrument's frame, 4×4, base ← instrument, mm. Raises LookupError."""
+        return self._placed().frame(on_ns, self._bumps)
+
+    def tilt(self, on_ns: int) -> float:
+        """Inclination of its standing axis from the vertical, degrees. Raises LookupError."""
+        return self._placed().tilt_deg(self.station(on_ns))
+
+    def reflectors(self, flange: Matrix, on_ns: int) -> tuple[Target, ...]:
+        """Those on the robot, with the flange at this frame (4×4, base ← flange), then those in the nests."""
+        wrong = self._faults.active(REFLECTOR_WRONG.name)
+        constant_mm = self._file.constant_mm + (wrong.settings["mm"] if wrong else 0.0)
+        on_robot = self._on_robot.at(flange, constant_mm)
+        if not self._nests:
+            return tuple(on_robot)
+        station = vector(self.station(on_ns)[:3, 3])
+        acceptance_deg = self._file.acceptance_deg
+        nests = [
+            Target(name, place, _towards(place, station), acceptance_deg, constant_mm)
+            for name, place in self._nests.items()
+        ]
+        return *on_robot, *nests
+
+    def _placed(self) -> TrueStation:
+        if self._station is None:
+            raise LookupError("the cell file has no section `station:`: write there where the instrument is")
+        return self._station
+
+    def _bump(self) -> None:
+        fault = self._faults.active(STATION_BUMP.name)
+        if fault and self._station:
+            self._bumps.append((fault.settings["mm"], fault.settings["deg"]))
+            self._memory.save()
+
+
+def _bumps(state: Mapping[str, Any]) -> list[tuple[float, float]]:
+    return [(float(mm), float(deg)) for mm, deg in state["bumps"]]
+
+
+def _towards(place: Vector, other: Vector) -> Vector:
+    """The unit direction from a place to another."""
+    length = dist(place, other) or 1.0
+    x, y, z = ((b - a) / length for a, b in zip(place, other, strict=True))
+    return x, y, z
+
+
+BRAKES_AFTER_S = 10.0
+"""Standstill after which the brakes close [unconfirmed: of the order of a controller's default]."""
+
+_FAST_DEG_S = 0.1
+_NEAR_DEG = 0.05
+
+
+@final
+class MotorCurrents:
+    """Amperes of A1…An, true means without any device's noise. `brakes_after_ns`: see `BRAKES_AFTER_S`."""
+
+    def __init__(self, kernel: Kernel, arm: MovingArm, world: World) -> None:
+        self.brakes_after_ns = round(BRAKES_AFTER_S * 1e9)
+        self._kernel = kernel
+        self._arm = arm
+        self._world = world
+        self._holding: Joints = ()
+        self._held_at: Joints = ()
+
+    def brakes_closed(self, time_ns: int | None = None) -> bool:
+        """Whether the brakes hold the arm: it has stood for a while and nothing corrects it."""
+        since = self._arm.standing_since()
+        now = self._kernel.now if time_ns is None else time_ns
+        return since is not None and now - since >= self.brakes_after_ns
+
+    def at(self, time_ns: int | None = None) -> tuple[float, ...]:
+        """Now, or at another moment of the present motion: weight and friction; 0 with closed brakes."""
+        now = self._kernel.now if time_ns is None else time_ns
+        joints, velocity = self._arm.joints_at(now)
+        if self.brakes_closed(now):
+            return (0.0,) * len(joints)
+        friction = self._world.motors.friction(self._arm.sliding(now), velocity)
+        return tuple(a + b for a, b in zip(self._hold(joints, velocity), friction, strict=True))
+
+    def _hold(self, joints: Joints, velocity: Joints) -> Joints:
+        """The weight's share; in fast motion it is worked out anew every 0.05°."""
+        near = _NEAR_DEG if max(map(abs, velocity)) > _FAST_DEG_S else 0.0
+        if not self._held_at or any(abs(a - b) > near for a, b in zip(joints, self._held_at, strict=True)):
+            self._held_at, self._holding = joints, self._world.holding_currents(joints)
+        return self._holding
+
 
 SAVE_EVERY_NS = 500_000_000
 

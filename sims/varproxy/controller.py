@@ -8,15 +8,21 @@ from typing import Any, final
 
 from sims.scene.motions import Joints
 from sims.simulator import CannotStart, Refused, Request, Setup, with_settings
-from sims.varproxy import frames
-from sims.varproxy.data_list import AXES, DataList
+from sims.varproxy import proxy
 from sims.varproxy.description import C3, ROW
-from sims.varproxy.files import READ, WRITE, FileDesk
-from sims.varproxy.frames import GENERAL, NOT_IMPLEMENTED, PROTOCOL, BadRequest, Fields
 from sims.varproxy.program import KvpProgram
-from sims.varproxy.server import ProxyServer
-from sims.varproxy.values import Bool, Int
-from sims.varproxy.variables import Index, System, Variable, Variables
+from sims.varproxy.proxy import (
+    GENERAL,
+    NOT_IMPLEMENTED,
+    PROTOCOL,
+    READ,
+    WRITE,
+    BadRequest,
+    Fields,
+    FileDesk,
+    ProxyServer,
+)
+from sims.varproxy.variables import AXES, Bool, DataList, Index, Int, System, Variable, Variables
 from sims.varproxy.variables import Refused as NoVariable
 
 KSS = "V8.6.11"
@@ -70,13 +76,13 @@ class KvpController:
             row = self.data.table.values[index]
             self.data.table.values[index] = {**row, "C6": row["C6"] + 1}
 
-    def _answer(self, request: frames.Request, files: FileDesk) -> bytes:
+    def _answer(self, request: proxy.Request, files: FileDesk) -> bytes:
         fields = Fields(request.body)
         try:
             code, body = self._done(request.kind, fields, files)
         except BadRequest:
             code, body = PROTOCOL, b""
-        return frames.answer(request.number, request.kind, body, code)
+        return proxy.answer(request.number, request.kind, body, code)
 
     def _done(self, kind: int, fields: Fields, files: FileDesk) -> tuple[int, bytes]:
         if kind in (READ_VARIABLE, WRITE_VARIABLE):
@@ -94,10 +100,10 @@ class KvpController:
         try:
             if value is not None:
                 self.variables.write(name, value)
-                return frames.SUCCESS, frames.text(value)
-            return frames.SUCCESS, frames.text(self._own(name) or self.variables.read(name))
+                return proxy.SUCCESS, proxy.text(value)
+            return proxy.SUCCESS, proxy.text(self._own(name) or self.variables.read(name))
         except NoVariable:
-            return GENERAL, frames.text("")
+            return GENERAL, proxy.text("")
 
     def _own(self, name: str) -> str:
         """Variables of the C3 Bridge itself, which the controller does not know."""

@@ -8,8 +8,8 @@ from sims.faults import Faults
 from sims.kernel import Event, Kernel
 from sims.memory import Memory
 from sims.scene.scene import Scene
-from sims.varproxy.data_list import DataList
 from sims.varproxy.description import JOB
+from sims.varproxy.variables import DataList
 
 CYCLE_NS = 12_000_000
 MS = 1_000_000

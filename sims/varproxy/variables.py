@@ -1,13 +1,136 @@
-"""The controller's variables by name: of its system, and of the data list that is loaded."""
+"""The controller's variables by name, of its system and of CELLCTL_KVP's data list; types of KRL and values as text."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, final
 
-from sims.varproxy.values import BadValue, Chars, Kind, Structure
+from sims.scene.motions import Joints
+
+LARGEST = 2**31 - 1
+
+_PART = re.compile(r'(\w+)(\[\])?\s+("[^"]*"|[^,"]+)')
+
+
+class BadValue(ValueError):
+    """A text that is no value of the type."""
+
+
+class Kind(Protocol):
+    """A type: a variable's first value, its text, and what a text makes of the value before it."""
+
+    def first(self) -> Any:
+        """The value before anything was written."""
+
+    def shown(self, value: Any) -> str:
+        """The value as the controller prints it."""
+
+    def read(self, text: str, before: Any) -> Any:
+        """The value that `text` says. Raises BadValue."""
+
+
+@final
+class Int:
+    """A whole number of 32 bits."""
+
+    def first(self) -> int:
+        """Zero."""
+        return 0
+
+    def shown(self, value: int) -> str:
+        """Decimal."""
+        return str(value)
+
+    def read(self, text: str, before: int) -> int:
+        """A real number is rounded, as an assignment in KRL does."""
+        if not re.fullmatch(r"\s*[-+]?\d+(\.\d*)?\s*", text, re.ASCII):
+            raise BadValue(text)
+        value = round(float(text)) if "." in text else int(text)
+        if not -LARGEST - 1 <= value <= LARGEST:
+            raise BadValue(text)
+        return value
+
+
+@final
+class Bool:
+    """TRUE or FALSE."""
+
+    def first(self) -> bool:
+        """FALSE."""
+        return False
+
+    def shown(self, value: bool) -> str:
+        """In capital letters."""
+        return "TRUE" if value else "FALSE"
+
+    def read(self, text: str, before: bool) -> bool:
+        """In any letters."""
+        word = text.strip().upper()
+        if word not in ("TRUE", "FALSE"):
+            raise BadValue(text)
+        return word == "TRUE"
+
+
+@final
+@dataclass(frozen=True)
+class Chars:
+    """A CHAR array of `size`."""
+
+    size: int
+
+    def first(self) -> str:
+        """A blank, as the data list has it."""
+        return " "
+
+    def shown(self, value: str) -> str:
+        """In quotation marks."""
+        return f'"{value}"'
+
+    def read(self, text: str, before: str) -> str:
+        """With or without quotation marks; what is too long is refused."""
+        value = text.strip().strip('"')
+        if len(value) > self.size:
+            raise BadValue(text)
+        return value
+
+
+@final
+@dataclass(frozen=True)
+class Structure:
+    """A STRUC: its name and its fields. A field that a text leaves out stays as it was."""
+
+    name: str
+    fields: Mapping[str, Kind]
+
+    def first(self) -> dict[str, Any]:
+        """Each field's first value."""
+        return {name: kind.first() for name, kind in self.fields.items()}
+
+    def shown(self, value: Mapping[str, Any]) -> str:
+        """`{NAME: A 1, B[] "x"}`."""
+        parts = []
+        for name, kind in self.fields.items():
+            mark = "[]" if isinstance(kind, Chars) else ""
+            parts.append(f"{name}{mark} {kind.shown(value[name])}")
+        return "{" + f"{self.name}: " + ", ".join(parts) + "}"
+
+    def read(self, text: str, before: Mapping[str, Any]) -> dict[str, Any]:
+        """Any order, with or without the name before the colon."""
+        found = re.fullmatch(r"\s*\{\s*(?:(\w+)\s*:)?\s*(.*?)\s*\}\s*", text, re.DOTALL)
+        if not found or (found[1] and found[1].upper() != self.name):
+            raise BadValue(text)
+        value, rest = dict(before), found[2]
+        while rest:
+            part = _PART.match(rest)
+            kind = self.fields.get(part[1].upper()) if part else None
+            if part is None or kind is None or bool(part[2]) != isinstance(kind, Chars):
+                raise BadValue(text)
+            value[part[1].upper()] = kind.read(part[3], value[part[1].upper()])
+            rest = rest[part.end() :].lstrip(" ,")
+        return value
+
 
 _NAME = re.compile(r"(\$?\w+)(?:\[([\d,\s]*)\])?(?:\.(\w+)(\[\])?)?", re.ASCII)
 
@@ -130,3 +253,77 @@ class Variables:
         if isinstance(variable, Data) and found[4] and not isinstance(variable.kind, Chars | Structure):
             raise Refused("it is no text")
         return variable, index, part
+
+
+VERSION = 1
+BANKS, ROWS, AXES = 3, 500, 6
+
+_ANGLES = tuple(f"A{axis}" for axis in range(1, AXES + 1))
+_WEIGHED = ("NUMBER", "ROW", "PERCENT", *_ANGLES)
+
+JOB = Structure("KV_JOB_T", {name: Int() for name in (*_WEIGHED, "CHECK")})
+BANK = Structure("KV_BANK_T", {"ID": Chars(64), "SUM": Chars(8), "ROWS": Int(), "TAKEN": Int()})
+ROW = Structure("KV_ROW_T", {f"{letter}{axis}": Int() for letter in "NC" for axis in range(1, AXES + 1)})
+
+
+@final
+class DataList:
+    """Its variables, by capital letters in `variables`."""
+
+    def __init__(self) -> None:
+        self.version = Data(Int(), values={(): VERSION})
+        self.allow_t1 = Data(Bool())
+        self.go, self.done, self.outcome = (Data(Int()) for _ in range(3))
+        self.job = Data(JOB)
+        self.bank = Data(BANK, (BANKS,))
+        self.table = Data(ROW, (BANKS, ROWS))
+        self.roles = Data(Int())
+        self.variables: dict[str, Variable] = {
+            "KV_VERSION": self.version,
+            "KV_ALLOW_T1": self.allow_t1,
+            "KV_GO": self.go,
+            "KV_DONE": self.done,
+            "KV_OUTCOME": self.outcome,
+            "KV_JOB": self.job,
+            "KV_BANK": self.bank,
+            "KV_TAB": self.table,
+            "KV_ROLES": self.roles,
+        }
+
+    def job_fits(self, number: int) -> bool:
+        """Whether the job is the one of this number, and its check is right."""
+        job = self.job.get()
+        total = sum(weight * job[name] for weight, name in enumerate(_WEIGHED, 1))
+        return bool(job["NUMBER"] == number and job["CHECK"] == total)
+
+    def target(self) -> Joints | None:
+        """Where the job goes, degrees; None where the active table has no such row."""
+        job = self.job.get()
+        if not job["ROW"]:
+            return tuple(job[name] / 10_000 for name in _ANGLES)
+        place = self.roles.get() // 100
+        if not 1 <= place <= BANKS or not 1 <= job["ROW"] <= min(ROWS, self.bank.get(place)["TAKEN"]):
+            return None
+        row = self.table.get(place, job["ROW"])
+        return tuple(row[f"C{axis}"] / 1_000_000 for axis in range(1, AXES + 1))
+
+    def state(self) -> dict[str, Any]:
+        """The tables, as JSON has them."""
+        return {
+            "roles": self.roles.get(),
+            "banks": {str(place): self.bank.get(place) for place in range(1, BANKS + 1)},
+            "rows": [[*index, *row.values()] for index, row in self.table.values.items()],
+        }
+
+    def recall(self, state: Mapping[str, Any]) -> None:
+        """The tables of a `state` that was kept. Raises ValueError, TypeError, LookupError, AttributeError."""
+        self.roles.values[()] = int(state["roles"])
+        for place, bank in state["banks"].items():
+            self.bank.values[(int(place),)] = {
+                "ID": str(bank["ID"]),
+                "SUM": str(bank["SUM"]),
+                "ROWS": int(bank["ROWS"]),
+                "TAKEN": int(bank["TAKEN"]),
+            }
+        for place, number, *angles in state["rows"]:
+            self.table.values[(int(place), int(number))] = dict(zip(ROW.fields, map(int, angles), strict=True))

@@ -11,8 +11,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from sims.world.nominal import Geometry, turn, vector
-from sims.world.screws import Axis, Vector
+from sims.world.kinematics import Axis, Geometry, Vector, turn, vector
 
 AXIS_PLACE_MM = 0.6
 AXIS_DIRECTION_DEG = 0.035

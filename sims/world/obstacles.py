@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from math import dist, sqrt
 from typing import final
 
-from sims.world.screws import Vector
+from sims.world.kinematics import Vector
 
 WRIST_MM = 60.0
 """Radius of forearm and wrist, from elbow to flange."""

@@ -14,22 +14,25 @@ import numpy as np
 from sims.cell import Artefact, SimCell
 from sims.conditions import REFERENCE_C, USUAL, Conditions, Payload
 from sims.robot_file import RobotFile
-from sims.world.ageing import Ageing
-from sims.world.bending import Bending
-from sims.world.chain import Chain, chain_of
-from sims.world.compliance import Compliance
-from sims.world.drives import Backlash, Gear
-from sims.world.environment import Environment, Surroundings
+from sims.world.drives import Backlash, Gear, Motors, lagging
+from sims.world.environment import Ageing, Environment, Surroundings, expansions, grown
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
-from sims.world.expansion import expansions, grown
-from sims.world.masses import Body, drawn_body
-from sims.world.motors import Motors, lagging
-from sims.world.nominal import Matrix, nominal_geometry, pose, vector
+from sims.world.gravity import GRAVITY_M_S2, Bending, Body, Compliance, Mass, drawn_body
+from sims.world.kinematics import (
+    Arm,
+    Chain,
+    Matrix,
+    Pose,
+    Shown,
+    Vector,
+    angles_abc,
+    chain_of,
+    nominal_geometry,
+    pose,
+    vector,
+)
 from sims.world.obstacles import Obstacles
-from sims.world.plate import TrueSphere, true_plate_z, true_spheres
-from sims.world.screws import Arm, Vector
-from sims.world.shown import Pose, Shown, angles_abc
-from sims.world.statics import GRAVITY_M_S2, Mass
+from sims.world.true_places import TrueSphere, true_plate_z, true_spheres
 
 ENCODER_DEG = 0.0005
 NO_SCATTER: Vector = (0.0, 0.0, 0.0)

@@ -7,8 +7,8 @@ import numpy as np
 from simulated_devices import catalogue, read_fault
 
 from sims.faults import Faults
+from sims.geocom.accuracy import PROFILES
 from sims.geocom.instrument import Build
-from sims.geocom.profiles import PROFILES
 from sims.geocom.server import LaserStation
 
 MS, S = 1_000_000, 1_000_000_000

@@ -21,13 +21,11 @@ from procedures.steps.tracker.points import points_of
 from procedures.steps.tracker.rows import PoseRow, TurnRow, VisitedRow
 from procedures.steps.tracker.turn_planning import AXES
 from sims.cell import SimCell, read_cell
+from sims.geocom.accuracy import ARCSEC, PROFILES, set_up_of
 from sims.geocom.description import profile_of
-from sims.geocom.noise import set_up_of
 from sims.geocom.optics import AxisErrors, direction_of, levelled, point_at, tilt_of, to_instrument
-from sims.geocom.profiles import ARCSEC, PROFILES
 from sims.world import World
-from sims.world.reflectors import TrueReflectors
-from sims.world.station import TrueStation
+from sims.world.true_places import TrueReflectors, TrueStation
 
 FLEXIBLE = ("compliance", "gear", "backlash", "expansion", "warm_up")
 """Effects of the robot that `simulate: errors:` can switch on, none of them in `geometry`."""

@@ -2,8 +2,7 @@
 
 import socket
 
-from sims.settings import FaultKind, Setting
-from sims.simulator import Simulator, with_settings
+from sims.simulator import FaultKind, Setting, Simulator, with_settings
 
 ANSWER_NS = 5_000_000
 READ, SILENT = "thermometer.read", "thermometer.silent"

@@ -11,7 +11,7 @@ from simulated_devices import catalogue
 from sims.control import STRIDE_NS, ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel
-from sims.krc.rsi_link import target_of
+from sims.krc.rsi_exchange import target_of
 from sims.scene.safety import Safety
 from sims.wires import Wire
 

@@ -10,14 +10,13 @@ import sys
 import pytest
 import yaml
 
-from sims.settings import FaultKind, Setting
-from sims.simulator import Simulator
+from sims.simulator import FaultKind, Setting, Simulator
 from sims.simulators import BadSimulator, Simulators
 
 PATIENCE_S = 90
 
 TRACKER = '''
-from sims.settings import FaultKind, FOR_MS, Setting
+from sims.simulator import FaultKind, FOR_MS, Setting
 from sims.simulator import Simulator, with_path
 
 class Server:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sims.geocom import air, optics
+from sims.geocom import optics
 from sims.geocom.optics import AxisErrors, Direction
 
 angles = st.floats(0.0, 2 * pi, exclude_max=True)
@@ -74,20 +74,20 @@ def test_a_point_of_the_base_frame_is_seen_from_where_the_instrument_is():
 
 
 def test_standard_air_needs_no_correction_and_a_degree_needs_one_ppm():
-    vapour = air.vapour_of_humidity(12.0, 60.0)
-    assert air.ppm(12.0, 1013.25, vapour) == pytest.approx(0.0, abs=0.1)
-    assert air.ppm(13.0, 1013.25, vapour) == pytest.approx(1.0, abs=0.1)
-    assert air.ppm(12.0, 1023.25, vapour) == pytest.approx(-2.8, abs=0.1)
+    vapour = optics.vapour_of_humidity(12.0, 60.0)
+    assert optics.ppm(12.0, 1013.25, vapour) == pytest.approx(0.0, abs=0.1)
+    assert optics.ppm(13.0, 1013.25, vapour) == pytest.approx(1.0, abs=0.1)
+    assert optics.ppm(12.0, 1023.25, vapour) == pytest.approx(-2.8, abs=0.1)
 
 
 def test_a_wet_bulb_thermometer_gives_the_vapour_of_the_humidity():
     # Sprung's psychrometer table: 20 °C dry, 15 °C wet at 1013 hPa is about 59 % humidity
-    vapour = air.vapour_of_wet_bulb(20.0, 15.0, 1013.25)
-    assert vapour / air.saturation_hpa(20.0) == pytest.approx(0.587, abs=0.01)
+    vapour = optics.vapour_of_wet_bulb(20.0, 15.0, 1013.25)
+    assert vapour / optics.saturation_hpa(20.0) == pytest.approx(0.587, abs=0.01)
 
 
 def test_a_distance_is_right_where_air_and_constant_are_set_as_they_are():
     right = {"ppm_set": 8.0, "ppm_true": 8.0, "constant_set_mm": -3.8, "constant_true_mm": -3.8}
-    assert air.measured_mm(4000.0, **right) == pytest.approx(4000.0, abs=1e-12)
-    assert air.measured_mm(4000.0, **{**right, "ppm_set": 18.0}) == pytest.approx(4000.04, abs=1e-3)
-    assert air.measured_mm(4000.0, **{**right, "constant_set_mm": 0.0}) == pytest.approx(4003.8, abs=1e-12)
+    assert optics.measured_mm(4000.0, **right) == pytest.approx(4000.0, abs=1e-12)
+    assert optics.measured_mm(4000.0, **{**right, "ppm_set": 18.0}) == pytest.approx(4000.04, abs=1e-3)
+    assert optics.measured_mm(4000.0, **{**right, "constant_set_mm": 0.0}) == pytest.approx(4003.8, abs=1e-12)

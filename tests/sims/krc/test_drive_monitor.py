@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from sims.krc.drive_monitor import DriveMonitor
-from sims.krc.signal_flow import AxisCorrection
+from sims.krc.rsi_exchange import AxisCorrection
+from sims.krc.servo import DriveMonitor
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 KR5 = (154.0, 154.0, 228.0, 343.0, 384.0, 721.0)

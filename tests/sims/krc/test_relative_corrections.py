@@ -8,7 +8,7 @@ import pytest
 
 from sims.cell import read_cell
 from sims.krc.controller import rsi_settings
-from sims.krc.signal_flow import AxisCorrection
+from sims.krc.rsi_exchange import AxisCorrection
 
 SHIPPED_CELL = "procedures/cells/sphere_cell.yaml"
 

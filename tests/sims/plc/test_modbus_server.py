@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sims.plc.frames import Frame, FrameStream
-from sims.plc.functions import answer
+from sims.plc.modbus import Frame, FrameStream, answer
 
 MS = 1_000_000
 

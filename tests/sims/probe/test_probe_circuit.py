@@ -5,9 +5,9 @@ from simulated_devices import catalogue, read_fault
 
 from sims.faults import Faults
 from sims.kernel import Kernel
-from sims.probe.circuit import Circuit
 from sims.probe.firmware import Level, level_of
-from sims.scene.contact_loop import ContactLoop
+from sims.probe.server import Circuit
+from sims.scene.contact import ContactLoop
 
 MS = 1_000_000
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sims.probe.crystal import Crystal
+from sims.probe.firmware import Crystal
 
 SECOND = 1_000_000_000
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from sims.probe.crystal import Crystal
-from sims.probe.firmware import Firmware, State, level_of
+from sims.probe.firmware import Crystal, Firmware, State, level_of
 from sims.probe.lines import HostLine
 
 MS = 1_000_000

@@ -2,9 +2,7 @@
 
 import pytest
 
-from sims.probe.lines import framed
-from sims.probe.outbox import Message
-from sims.probe.wire import Receiver, Transmitter
+from sims.probe.lines import Message, Receiver, Transmitter, framed
 
 MS = 1_000_000
 

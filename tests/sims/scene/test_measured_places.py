@@ -8,13 +8,12 @@ import pytest
 from simulated_devices import catalogue, read_fault
 from true_worlds import with_errors
 
+from sims.cell import Distance, FlangeReflector, Nest, Reflectors, Station
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.robot_file import Frame
 from sims.scene.scene import Scene
-from sims.spacings import Distance
-from sims.station_file import FlangeReflector, Nest, Reflectors, Station
 
 STATION = Station(
     frame=Frame((2500.0, -1500.0, 300.0), (150.0, 0.0, 0.0)),
@@ -64,7 +63,7 @@ def frame(scene, readings):
     """The flange of the perfect robot by its own kinematics: the tool's pose with the taught tool taken off."""
     tool = scene.world._tool_pose
     x, y, z, a, b, c = scene.world.shown_pose(readings)
-    from sims.world.nominal import pose
+    from sims.world.kinematics import pose
 
     return pose((x, y, z), (a, b, c)) @ np.linalg.inv(tool)
 

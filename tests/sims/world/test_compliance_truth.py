@@ -14,10 +14,8 @@ from true_worlds import BENT, CELL, world
 
 from sims.cell import ERRORS
 from sims.conditions import Conditions
-from sims.world.compliance import Compliance, Falls
-from sims.world.masses import Body
-from sims.world.screws import Axis
-from sims.world.statics import Mass
+from sims.world.gravity import Body, Compliance, Falls, Mass
+from sims.world.kinematics import Axis
 
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 STRETCHED = (0.0,) * 6

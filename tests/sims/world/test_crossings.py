@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sims.world.crossings import crossings
+from sims.scene.motions import crossings
 
 MS = 1_000_000
 RADIUS = 30.0

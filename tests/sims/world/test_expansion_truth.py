@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from true_worlds import BENT, CELL, world
 
 from sims.conditions import Conditions
-from sims.world.expansion import expansions
+from sims.world.environment import expansions
 
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 STRETCHED = (0.0,) * 6

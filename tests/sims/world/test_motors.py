@@ -6,10 +6,9 @@ from own_kinematics import turn
 from true_worlds import with_errors
 
 from sims.conditions import Payload
-from sims.world.masses import drawn_body
-from sims.world.motors import PRESLIDING_DEG, slid
-from sims.world.nominal import nominal_geometry
-from sims.world.statics import GRAVITY_M_S2, Mass
+from sims.world.drives import PRESLIDING_DEG, slid
+from sims.world.gravity import GRAVITY_M_S2, Mass, drawn_body
+from sims.world.kinematics import nominal_geometry
 from sims.world.world import World
 
 POSE = (20.0, -60.0, 70.0, 35.0, -40.0, 100.0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sims.cell import read_cell
-from sims.world.plate import true_spheres
+from sims.world.true_places import true_spheres
 
 ARTEFACT = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml").artefact
 SEEDS = range(1, 41)

@@ -18,12 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from sims.cell import SimCell, read_cell
 from sims.conditions import REFERENCE_C, Conditions, Payload
+from sims.geocom.accuracy import PROFILES, Profile
 from sims.geocom.description import profile_of
-from sims.geocom.profiles import PROFILES, Profile
 from sims.world import World
 from sims.world.errors import generator
-from sims.world.reflectors import TrueReflectors
-from sims.world.station import TrueStation
+from sims.world.true_places import TrueReflectors, TrueStation
 
 Floats = NDArray[np.float64]
 Ways = NDArray[np.int_]

@@ -1,4 +1,6 @@
-"""The Modbus functions: a request PDU in, the answer's PDU out. Pure; the PLC's memory is behind `Tables`.
+"""Modbus TCP: frames with their MBAP header, and the functions, a request PDU in, the answer's PDU out. Pure.
+
+Source: MODBUS Messaging on TCP/IP Implementation Guide V1.0b, 3.1.3. All numbers are big-endian.
 
 Source: MODBUS Application Protocol Specification V1.1b3, chapter 6. Functions 1, 2, 3, 4, 5, 6, 15, 16, and 43/14 (read
 device identification). Exceptions: 01 unknown function, 02 an address outside the table, 03 a value or number outside
@@ -8,8 +10,53 @@ its range.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol, final
+
+LONGEST_PDU = 253
+_HEADER = struct.Struct(">HHHB")
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A request or an answer. `pdu`: function code and data."""
+
+    transaction: int
+    unit: int
+    pdu: bytes
+
+    def encode(self) -> bytes:
+        """As it goes over the wire."""
+        return _HEADER.pack(self.transaction, 0, len(self.pdu) + 1, self.unit) + self.pdu
+
+
+@final
+class FrameStream:
+    """Cuts a TCP stream into frames, however the bytes arrive.
+
+    `broken`: a header was no Modbus header, so that nothing behind it can be read: the connection is of no more use.
+    """
+
+    def __init__(self) -> None:
+        self.broken = False
+        self._rest = b""
+
+    def feed(self, data: bytes) -> Iterator[Frame]:
+        """The frames that `data` completes."""
+        self._rest += data
+        while not self.broken and len(self._rest) >= _HEADER.size:
+            transaction, protocol, length, unit = _HEADER.unpack_from(self._rest)
+            if protocol != 0 or not 2 <= length <= LONGEST_PDU + 1:
+                self.broken = True
+                return
+            end = 6 + length
+            if len(self._rest) < end:
+                return
+            pdu, self._rest = self._rest[_HEADER.size : end], self._rest[end:]
+            yield Frame(transaction, unit, pdu)
+
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, NO_TARGET = 1, 2, 3, 0x0B
 

@@ -1,15 +1,37 @@
-"""The truth about each contact of a search, for tests: a JSON line when the robot has come to rest."""
+"""The electrical loop between the robot's tip and the spheres, and the truth about each contact, for tests."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import dist
 from typing import TextIO, final
 
 from sims.scene.motions import Joints
-from sims.world.plate import TrueSphere
-from sims.world.screws import Vector
+from sims.world.kinematics import Vector
+from sims.world.true_places import TrueSphere
+
+
+@final
+class ContactLoop:
+    """Whether the tip touches. The controller's simulator sets it inside an event at the exact time."""
+
+    def __init__(self) -> None:
+        self.closed = False
+        self._watchers: list[Callable[[bool], object]] = []
+
+    def set_closed(self, closed: bool) -> None:
+        """The tip touches or leaves now; a second call has no effect."""
+        if closed == self.closed:
+            return
+        self.closed = closed
+        for watcher in self._watchers:
+            watcher(closed)
+
+    def subscribe(self, callback: Callable[[bool], object]) -> None:
+        """Call `callback(closed)` at each change, within the event that makes it."""
+        self._watchers.append(callback)
 
 
 @final
