@@ -5,7 +5,7 @@ import pytest
 from cellctl.clock import WallClock
 from cellctl.devices import Address, CurrentSource, Surroundings
 from cellctl.devices.registry import DriverRegistry
-from drivers.canopen_drives.place import CanPlace
+from drivers.canopen_drives.description import CanPlace
 
 
 def place(text):
