@@ -11,9 +11,8 @@ from typing import Protocol, final
 
 from cellctl.clock import Clock
 from cellctl.devices import DeviceLost
-from drivers.contact_probe.lines import Line, LineError, Splitter, encode, parse_line
-from drivers.contact_probe.liveness import Liveness
-from drivers.contact_probe.messages import Answer, Boot, Heartbeat, Message
+from drivers.contact_probe.lines import Answer, Boot, Heartbeat, Line, LineError, Message, Splitter, encode, parse_line
+from drivers.contact_probe.ticks import Liveness
 from drivers.serial_port import SerialPort
 
 _REPEAT_AFTER_S = 0.1

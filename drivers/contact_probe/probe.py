@@ -19,9 +19,8 @@ from cellctl.devices import (
     Identity,
     ProbeNotOpen,
 )
-from drivers.contact_probe.messages import Introduction
-from drivers.contact_probe.search import fault_of
-from drivers.contact_probe.session import Session
+from drivers.contact_probe.lines import Introduction
+from drivers.contact_probe.session import Session, fault_of
 from drivers.serial_port import SerialPlace
 
 _CLOSE_BOUND_S = 2.0

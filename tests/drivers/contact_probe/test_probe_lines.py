@@ -8,17 +8,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.contact_probe.lines import LONGEST, LineError, Splitter, check_sum, encode, parse_line
-from drivers.contact_probe.messages import (
+from drivers.contact_probe.lines import (
+    LONGEST,
     Boot,
     Confirmation,
     Edge,
     Fault,
     Heartbeat,
     Introduction,
+    LineError,
     Opened,
     Reply,
+    Splitter,
     Synced,
+    check_sum,
+    encode,
+    parse_line,
 )
 
 WORDS = st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E, exclude_characters=",*"), max_size=12)

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellctl.devices import DeviceLost, DeviceUnreachable
-from drivers.contact_probe.lines import Line
-from drivers.contact_probe.liveness import Liveness
-from drivers.contact_probe.messages import Boot, Heartbeat, Introduction, Opened
+from drivers.contact_probe.lines import Boot, Heartbeat, Introduction, Line, Opened
+from drivers.contact_probe.ticks import Liveness
 from drivers.serial_port import SerialPort
 
 MS = 1_000_000

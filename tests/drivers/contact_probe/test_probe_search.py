@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, ProbeNotOpen
-from drivers.contact_probe.lines import Line
-from drivers.contact_probe.messages import Boot, Confirmation, Edge, Fault, Heartbeat, Opened
-from drivers.contact_probe.search import Search
+from drivers.contact_probe.lines import Boot, Confirmation, Edge, Fault, Heartbeat, Line, Opened
+from drivers.contact_probe.session import Search
 from drivers.contact_probe.ticks import TickClock
 
 MS = 1_000_000
