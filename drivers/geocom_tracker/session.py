@@ -13,8 +13,7 @@ from geocompy.geo.gctypes import GeoComResponse
 from cellctl.clock import Clock
 from cellctl.devices import DeviceError, DeviceFault, DeviceLost, DeviceRefused
 from drivers.geocom_tracker.codes import Meaning, code_of, error_of
-from drivers.geocom_tracker.library import Library
-from drivers.geocom_tracker.line import Line
+from drivers.geocom_tracker.line import Library, Line
 from drivers.serial_port import SerialPlace, open_port
 
 READ_S: Final = 5.0

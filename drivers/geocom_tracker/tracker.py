@@ -24,14 +24,11 @@ from cellctl.devices import (
     Vector3,
     Weather,
 )
-from drivers.geocom_tracker import air
-from drivers.geocom_tracker.accuracy import Accuracy
+from drivers.geocom_tracker import instrument
 from drivers.geocom_tracker.codes import code_of
-from drivers.geocom_tracker.faces import Sample, SetUp, order, point_of, two_face_error_of
-from drivers.geocom_tracker.polar import to_polar
+from drivers.geocom_tracker.instrument import MEASURE_S, Telescope, set_air, set_up
+from drivers.geocom_tracker.points import Accuracy, Sample, SetUp, order, point_of, to_polar, two_face_error_of
 from drivers.geocom_tracker.session import Session
-from drivers.geocom_tracker.settings import set_air, set_up
-from drivers.geocom_tracker.telescope import MEASURE_S, Telescope
 from drivers.serial_port import SerialPlace
 
 _LOW_BATTERY_PERCENT: Final = 10
@@ -76,7 +73,7 @@ class GeocomTracker:
 
     async def set_weather(self, weather: Weather) -> None:
         """Write the air's state. Raises LimitExceeded for values that no workshop has."""
-        air.check(self.name, weather)
+        instrument.check(self.name, weather)
         await set_air(self._connected(), weather)
         self._weather = weather
 

@@ -9,8 +9,7 @@ import pytest
 from scripted_station import TEMPERATURE, Station
 
 from cellctl.devices import DeviceLost
-from drivers.geocom_tracker.library import Library
-from drivers.geocom_tracker.line import Line
+from drivers.geocom_tracker.line import Library, Line
 from drivers.serial_port import SerialPlace, open_port
 
 

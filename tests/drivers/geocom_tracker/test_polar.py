@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.devices import Weather
-from drivers.geocom_tracker.accuracy import PROFILES
-from drivers.geocom_tracker.air import wet_bulb_c
-from drivers.geocom_tracker.polar import (
+from drivers.geocom_tracker.instrument import wet_bulb_c
+from drivers.geocom_tracker.points import (
+    PROFILES,
     Polar,
     covariances,
     first_face,

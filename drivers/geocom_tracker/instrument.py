@@ -1,4 +1,4 @@
-"""What the telescope does: turn, search, lock, change the face, take a sample."""
+"""What the instrument is set to and told to do: reflector, program, air; turn, search, lock, change face, sample."""
 
 from __future__ import annotations
 
@@ -7,14 +7,125 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Final, TypeVar, cast, final
 
-from geocompy.geo.gcdata import ATR, ATRLock, Inclination, Measurement, Position
+from geocompy.data import Byte
+from geocompy.geo import GeoCom
+from geocompy.geo.gcdata import ATR, ATRLock, Inclination, Measurement, Position, Prism, Target, UserProgram
+from geocompy.geo.gcdata import Reflector as ReflectorKind
+from geocompy.geo.gctypes import GeoComResponse
 
 from cellctl.clock import Clock
-from cellctl.devices import DeviceFault, Lock, TargetLost
+from cellctl.devices import DeviceFault, DeviceRefused, LimitExceeded, Lock, Reflector, TargetLost, Weather
 from drivers.geocom_tracker.codes import Meaning, code_of, error_of
-from drivers.geocom_tracker.faces import Sample
-from drivers.geocom_tracker.polar import Polar
-from drivers.geocom_tracker.session import AnswerLost, Session
+from drivers.geocom_tracker.points import Polar, Sample
+from drivers.geocom_tracker.session import AnswerLost, Call, Session
+
+_BOUNDS: Final = {
+    "temperature_c": (-20.0, 60.0, "°C"),
+    "pressure_hpa": (500.0, 1100.0, "hPa"),
+    "humidity_percent": (0.0, 100.0, "%"),
+}
+_PSYCHROMETER_PER_K: Final = 6.62e-4
+"""Coefficient of a ventilated psychrometer (WMO No. 8)."""
+
+
+def check_weather(device: str, weather: Weather) -> None:
+    """Raises LimitExceeded for air that no workshop has: a sensor is broken, or the units are wrong."""
+    for name, (low, high, unit) in _BOUNDS.items():
+        value = getattr(weather, name)
+        if not low <= value <= high:
+            what = f"weather: {name} = {value:g} is outside {low:g} … {high:g} {unit}; nothing was written"
+            raise LimitExceeded(device, what, "check the cell's sensors of the air, and their units")
+
+
+def wet_bulb_c(weather: Weather) -> float:
+    """The wet bulb temperature, by bisection of e = e_s(t_w) − A p (t − t_w)."""
+    vapour = weather.humidity_percent / 100.0 * _saturation_hpa(weather.temperature_c)
+    low, high = weather.temperature_c - 60.0, weather.temperature_c
+    for _ in range(50):
+        wet = (low + high) / 2.0
+        excess = _saturation_hpa(wet) - _PSYCHROMETER_PER_K * weather.pressure_hpa * (weather.temperature_c - wet)
+        low, high = (wet, high) if excess < vapour else (low, wet)
+    return (low + high) / 2.0
+
+
+def _saturation_hpa(temperature_c: float) -> float:
+    """Vapour pressure over water, Magnus' formula (WMO No. 8)."""
+    return 6.112 * math.exp(17.62 * temperature_c / (243.12 + temperature_c))
+
+
+@final
+class Exactly(Byte):
+    """A number that geocompy writes as it is. It writes a float with six decimals: a wavelength of 6.58e-7 is lost."""
+
+    def __init__(self, number: float) -> None:
+        self._number = number
+
+    def __str__(self) -> str:
+        return repr(self._number)
+
+
+_DIGITS: Final = 15
+_PRISM_NAME: Final = "CELLCTL"
+_CONSTANT_STEP_MM: Final = 0.0011
+"""geocompy writes metres with six decimals."""
+
+
+async def set_up(device: str, session: Session, reflector: Reflector) -> None:
+    """A known state: full digits, the reflector's constant, precise distances, target recognition, lock, compensator.
+
+    Raises DeviceRefused for an instrument that has no such function.
+    """
+    await session.set(lambda geocom: geocom.com.set_double_precision(_DIGITS))
+    await session.set(lambda geocom: geocom.bap.set_target_type(Target.REFLECTOR))
+    await _set_reflector(device, session, reflector)
+    await _first_known(
+        session,
+        lambda geocom: geocom.bap.set_measurement_program(UserProgram.SINGLE_REF_PRECISE),
+        lambda geocom: geocom.bap.set_measurement_program(UserProgram.SINGLE_REF_STANDARD),
+    )
+    await _first_known(
+        session, lambda geocom: geocom.aus.switch_user_atr(True), lambda geocom: geocom.aut.switch_atr(True)
+    )
+    await _first_known(  # after target recognition: switching that on ends the lock
+        session, lambda geocom: geocom.aus.switch_user_lock(True), lambda geocom: geocom.aut.switch_lock(True)
+    )
+    await session.set(lambda geocom: geocom.tmc.switch_compensator(True))
+
+
+async def set_air(session: Session, weather: Weather) -> None:
+    """Write the atmosphere with which the instrument corrects distances; its wavelength stays as it is."""
+    wavelength, *_ = await session.read(lambda geocom: geocom.tmc.get_atmospheric_corrections())
+    numbers = (wavelength, weather.pressure_hpa, weather.temperature_c, wet_bulb_c(weather))
+
+    def written(geocom: GeoCom) -> GeoComResponse[None]:
+        return geocom.request(2028, [Exactly(number) for number in numbers])  # TMC_SetAtmCorr
+
+    await session.set(written)
+
+
+async def _set_reflector(device: str, session: Session, reflector: Reflector) -> None:
+    metres = reflector.constant_mm * 1e-3
+    await session.set(
+        lambda geocom: geocom.bap.set_user_prism_definition(_PRISM_NAME, metres, ReflectorKind.PRISM, "cellctl")
+    )
+    await _first_known(
+        session,
+        lambda geocom: geocom.bap.set_prism_type_name(Prism.USER, _PRISM_NAME),
+        lambda geocom: geocom.bap.set_prism_type(Prism.USER),
+    )
+    constant, _, _ = await session.read(lambda geocom: geocom.bap.get_user_prism_definition(_PRISM_NAME))
+    if abs(constant - metres) * 1e3 > _CONSTANT_STEP_MM:
+        what = f"has the reflector's constant {constant * 1e3:g} mm after {reflector.constant_mm:g} mm was written"
+        raise DeviceRefused(device, what, "check the reflector's constant, and the instrument's list of reflectors")
+
+
+async def _first_known(session: Session, newer: Call[None], older: Call[None]) -> None:
+    """The request of newer firmware, or the older one where it is refused."""
+    with suppress(DeviceRefused):
+        await session.set(newer)
+        return
+    await session.set(older)
+
 
 MEASURE_S: Final = 30.0
 """Cell time for the answer to a measurement of angles or distance."""
