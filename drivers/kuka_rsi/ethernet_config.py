@@ -10,8 +10,7 @@ from typing import final
 from xml.parsers import expat
 
 from drivers.kuka_rsi.axes import AXIS_NAMES
-from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cyclic.telegram import ReplyTag
+from drivers.kuka_rsi.cyclic.telegram import CorrectionMode, ReplyTag
 from drivers.kuka_rsi.settings import RsiSettings
 
 _KINDS = ("BOOL", "LONG", "DOUBLE", "STRING")

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Self, final
 
 from cellctl.devices import Address, impossible_host
-from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
-from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, default_tolerance, highest_tolerance
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, InterpolationCycle, default_tolerance, highest_tolerance
+from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
 
 _SETTINGS = {"ethernet", "eki", "correction", "stop", "mode", "cycle", "controller", "tolerance"}
 _CYCLES = ", ".join(f"{cycle} ({cycle.milliseconds} ms)" for cycle in InterpolationCycle)

@@ -174,7 +174,7 @@ def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
     That the robot is held in such silences has tests of its own, in the cell's time.
     """
     for silence in (
-        "drivers.kuka_rsi.robot.guards._OLDEST_ENGINE_BEAT_S",
+        "drivers.kuka_rsi.robot.lines._OLDEST_ENGINE_BEAT_S",
         "drivers.contact_probe.session._SILENCE_S",
         "procedures.steps.contact_search._PROBE_PATIENCE_S",
     ):

@@ -22,13 +22,12 @@ from cellctl.formats import ModelFile
 from cellctl.formats.online import CorrectionFile
 from cellctl.formats.table_making import nominal_chain
 from cellctl.kinematics import Floats, inverse
-from drivers.kuka_rsi.cyclic.model_arrays import pack
+from drivers.kuka_rsi.cyclic.limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.online_block import pack
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
-from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.online_model import OnlineModel
-from drivers.kuka_rsi.cyclic.session import Admission
+from drivers.kuka_rsi.cyclic.session import Admission, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
-from drivers.kuka_rsi.cyclic.task import SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import read_telegram
 
 STEP_MS = 12

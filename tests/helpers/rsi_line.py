@@ -17,10 +17,9 @@ from dataclasses import dataclass, field
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
-from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
-from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.responder import ControllerLine, Responder
+from drivers.kuka_rsi.cyclic.session import CyclicTask, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock, Slot
-from drivers.kuka_rsi.cyclic.task import CyclicTask, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)

@@ -12,7 +12,7 @@ from controller_tables import ControllerTables
 
 from cellctl.clock import WallClock
 from drivers.kuka_rsi.eki.channel import EkiChannel
-from drivers.kuka_rsi.eki.table_channel import TableChannel
+from drivers.kuka_rsi.eki.tables import TableChannel
 
 COMMAND = re.compile(rb'<Cmd Id="(\d+)" Op="(\w+)">(.*?)</Cmd>', re.DOTALL)
 NEVER = 1 << 30

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from cellctl.clock import WallClock
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.session import SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
-from drivers.kuka_rsi.cyclic.task import SearchOrder
 from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
 

@@ -44,8 +44,11 @@ sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 from cell_runs import busy_machine  # noqa: E402 - found by the line above
 from online_models import wavy_model  # noqa: E402
 
-from drivers.kuka_rsi.cyclic.model_arrays import pack  # noqa: E402
-from drivers.kuka_rsi.cyclic.online_block import TIMING_STEP_NS, OnlineSlot  # noqa: E402
+from drivers.kuka_rsi.cyclic.online_block import (  # noqa: E402
+    TIMING_STEP_NS,
+    OnlineSlot,
+    pack,  # noqa: E402
+)
 
 ONLINE = "on-line"
 CYCLES_MS = {"ipo_fast": 4, "ipo": 12}
@@ -249,8 +252,8 @@ def serve(name: str, ethernet: Path, cycle: str) -> None:
 async def _serve_ours(ethernet: Path, cycle: str, *, corrects: bool) -> None:
     from cellctl.devices import Address
     from drivers.kuka_rsi.cyclic.limits import SearchLimits
+    from drivers.kuka_rsi.cyclic.session import SearchOrder
     from drivers.kuka_rsi.cyclic.shared_block import GUARDS, Slot
-    from drivers.kuka_rsi.cyclic.task import SearchOrder
     from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
     from drivers.kuka_rsi.ethernet_config import read_ethernet_config
     from drivers.kuka_rsi.robot.rsi_process import CyclicProcess

@@ -15,8 +15,8 @@ from typing import final
 from xml.sax.saxutils import quoteattr
 
 from drivers.kuka_rsi.axes import AXES
-from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
+from drivers.kuka_rsi.cyclic.session import InterpolationCycle
+from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
 
 CONTEXT_NAME = "cellctl"
 """Name of the context: `cellctl.rsix`, or `cellctl.rsi.xml` for RSI 3."""

@@ -13,15 +13,18 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, final
 
 from drivers.kuka_rsi.axes import AXES
-from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
-from drivers.kuka_rsi.cyclic.limits import Correction, Limit
-from drivers.kuka_rsi.cyclic.not_followed import NotFollowed
+from drivers.kuka_rsi.cyclic.following import NotFollowed
+from drivers.kuka_rsi.cyclic.limits import Correction, CorrectionMotion, Limit, OnlineLimits, within
 from drivers.kuka_rsi.cyclic.online_block import LogRow, OnlineBlock, OnlineSlot
-from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, within
 from drivers.kuka_rsi.cyclic.real_time import beside_other_processes
-from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE
-from drivers.kuka_rsi.cyclic.session_task import SessionTask
-from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.session import (
+    DEFAULT_TOLERANCE,
+    Cause,
+    InterpolationCycle,
+    Phase,
+    SearchOrder,
+    SessionTask,
+)
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 if TYPE_CHECKING:

@@ -18,19 +18,15 @@ from dataclasses import asdict, dataclass
 from typing import Self, final
 
 from cellctl.clock.clocks import reader_of
-from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
-from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
-from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
-from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.real_time import become_real_time
-from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.responder import ControllerLine, Responder
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.session import CyclicTask, InterpolationCycle, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
-from drivers.kuka_rsi.cyclic.task import CyclicTask, SearchOrder
-from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
+from drivers.kuka_rsi.cyclic.telegram import CorrectionMode, ReplyFormat
 
 _LOOK_S = 0.05
 """Longest wait for a telegram before orders and the parent are checked."""

@@ -17,7 +17,7 @@ from typing import Self, final
 
 from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.online_block import ONLINE_SLOTS, OnlineBlock
-from drivers.kuka_rsi.cyclic.task import Cause, CyclicTask, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.session import Cause, CyclicTask, Phase, SearchOrder
 
 GUARDS = 8
 """Guard slots; slot 0 is the engine's own heartbeat."""

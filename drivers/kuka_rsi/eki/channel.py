@@ -1,16 +1,196 @@
-"""The transfer channel, client side: commands with their replies, the controller's state, and detection of silence."""
+"""The transfer channel, client side: documents, commands with their replies, state, silence; refusals with a cure."""
 
 from __future__ import annotations
 
 import asyncio
 import itertools
+import math
+import re
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import final
+from xml.etree import ElementTree
 
 from cellctl.clock import Clock, Wire
-from cellctl.devices import DeviceError, DeviceLost, JointReadings
-from drivers.kuka_rsi.eki.documents import DocumentStream, Reply, Stat, read_document, write_command
+from cellctl.devices import DeviceError, DeviceFault, DeviceLost, DeviceRefused, JointReadings, LimitExceeded
+from drivers.kuka_rsi.axes import AXIS_NAMES
 from drivers.tcp_connection import connected, hang_up
+
+LARGEST_DOCUMENT = 4096
+
+_TOKEN = re.compile(
+    rb"""<!--.*?-->|<\?.*?\?>|<!\[CDATA\[.*?\]\]>|<(?P<tag>/?[^\s<>!?/"'](?:[^<>"']|"[^"]*"|'[^']*')*)>""", re.DOTALL
+)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """`<Rep>`: `code` as in the reference; `joints` actual, degrees, if sent; `ident` of HELLO.
+
+    `document`: the complete reply, for elements that only some commands have.
+    """
+
+    id: int
+    code: int
+    text: str
+    joints: JointReadings | None
+    ident: dict[str, str]
+    document: ElementTree.Element = field(default_factory=lambda: ElementTree.Element("Rep"), compare=False)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Stat:
+    """`<Stat>`: operating mode, program state, standing message, actual joints in degrees."""
+
+    mode: str
+    program: str
+    message: str
+    joints: JointReadings
+
+
+@final
+class DocumentStream:
+    """Splits a stream of XML documents at the end of each root element, for any TCP segmentation."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+        self._scanned = 0
+        self._depth = 0
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """The documents that `data` completes. Raises ValueError if one exceeds 4 KiB."""
+        self._buffer += data
+        documents = []
+        while end := self._end_of_document():
+            self._refuse_longer(end)
+            documents.append(self._buffer[:end].strip())
+            self._buffer = self._buffer[end:].lstrip()
+            self._scanned = self._depth = 0
+        self._refuse_longer(len(self._buffer))
+        return documents
+
+    @staticmethod
+    def _refuse_longer(size: int) -> None:
+        if size > LARGEST_DOCUMENT:
+            raise ValueError(f"a document of more than {LARGEST_DOCUMENT} bytes")
+
+    def _end_of_document(self) -> int:
+        while (at := self._buffer.find(b"<", self._scanned)) >= 0:
+            token = _TOKEN.match(self._buffer, at)
+            if token is None:
+                self._scanned = at
+                return 0
+            self._scanned = token.end()
+            if self._closes_root(token["tag"]):
+                return token.end()
+        return 0
+
+    def _closes_root(self, tag: bytes | None) -> bool:
+        if tag is None:
+            return False
+        if not tag.endswith(b"/"):
+            self._depth += -1 if tag.startswith(b"/") else 1
+        return self._depth <= 0
+
+
+def read_document(document: bytes) -> Reply | Stat:
+    """Read one document of the controller. Raises ValueError if it is neither `<Rep>` nor `<Stat>`."""
+    try:
+        root = ElementTree.fromstring(document)
+    except (ElementTree.ParseError, LookupError) as error:
+        raise ValueError(f"not XML: {error}") from None
+    joints = _joints(root.find("Q"))
+    if root.tag == "Rep":
+        ident = root.find("Ident")
+        return Reply(
+            _integer(root, "Id"),
+            _integer(root, "Code"),
+            root.get("Text", ""),
+            joints,
+            dict(ident.attrib if ident is not None else {}),
+            root,
+        )
+    if root.tag == "Stat" and joints is not None:
+        return Stat(root.get("Mode", ""), root.get("Prog", ""), root.get("Msg", ""), joints)
+    raise ValueError(f"<{root.tag}> is no reply and no state")
+
+
+def write_command(number: int, operation: str, content: str = "") -> bytes:
+    """`<Cmd>` with the given content."""
+    return f'<Cmd Id="{number}" Op="{operation}">{content}</Cmd>'.encode()
+
+
+def point_to_point(target: JointReadings, speed_percent: float) -> str:
+    """Content of `PTP`: speed in percent of each axis' maximum, target in degrees."""
+    axes = " ".join(f'{name}="{value:.4f}"' for name, value in zip(AXIS_NAMES, target, strict=True))
+    return f'<Vel P="{speed_percent:.4f}"/><Q {axes}/>'
+
+
+def _joints(element: ElementTree.Element | None) -> JointReadings | None:
+    if element is None or not element.attrib:
+        return None
+    values = tuple(float(element.get(name, "nan")) for name in AXIS_NAMES)
+    if not all(map(math.isfinite, values)):
+        raise ValueError("Q lacks an axis")
+    return values
+
+
+def _integer(element: ElementTree.Element, name: str) -> int:
+    return int(element.get(name, ""))
+
+
+_LEAP_CURE = (
+    "A set-point was too far from the one before. Does something else on this network answer the controller's "
+    "telegrams? Compare RSI_ON in its program (absolute or relative) with mode in the address. Then reset at the "
+    "pendant."
+)
+_CURES = {
+    "KSS01102": _LEAP_CURE,
+    "Command acceleration": _LEAP_CURE,
+    "KSS29002": "Answers came late, not at all, or with another SENTYPE than the controller's Ethernet configuration "
+    "names: compare SENTYPE, tags and port in the file named in the address with the one on the controller, look at "
+    "the late and lost counts and at what else runs on this computer. Then reset at the pendant.",
+    "KSS29000": "The overall correction limit on the controller (6 mm / 6 deg where no AXISCORRMON sets another) is "
+    "lower than the search: shorten it, or raise MaxA1 … MaxA6. Then reset at the pendant.",
+}
+_RESET = "Look at the message at the pendant, remove its cause, acknowledge it and select the program again."
+
+
+def cure_of(message: str) -> str:
+    """The cure for a message of the controller."""
+    return next((cure for number, cure in _CURES.items() if number in message), _RESET)
+
+
+def refusal(device: str, reply: Reply, doing: str) -> DeviceError:
+    """The error for a reply with a code other than 0 and 1; `doing`: the requested action."""
+    text = f" ({reply.text})" if reply.text else ""
+    match reply.code:
+        case 10:
+            return DeviceRefused(device, f"{doing}: the controller is busy with another command{text}")
+        case 12:
+            cure = "Acknowledge the message, switch the drives on, choose EXT and start the program."
+            return DeviceRefused(device, f"{doing}: the controller is not ready{text}", cure)
+        case 20:
+            return LimitExceeded(device, f"{doing}: outside an axis limit{text}")
+        case 21:
+            return LimitExceeded(device, f"{doing}: speed outside 0.01 … 100 %{text}")
+        case 30:
+            return DeviceFault(device, f"{doing}: stopped by HALT; the robot is held{text}")
+        case 31:
+            return DeviceFault(device, f"{doing}: stopped by the controller: {reply.text}", cure_of(reply.text))
+        case 40:
+            cure = "A table holds for the one robot that it was identified on: push the one made for this controller."
+            return DeviceRefused(device, f"{doing}: it was made for another controller{text}", cure)
+        case 41:
+            return DeviceRefused(device, f"{doing}: the check sum does not fit what arrived{text}", "Push again.")
+        case 42:
+            return DeviceRefused(device, f"{doing}: the controller has no such table or row{text}")
+        case 43:
+            return DeviceRefused(device, f"{doing}: the controller does not take that many rows{text}")
+    return DeviceRefused(device, f"{doing}: not understood by the controller (code {reply.code}){text}")
+
 
 ANSWER_S = 10.0
 """Longest wait, in the cell's time, for an immediate action of the controller."""

@@ -16,16 +16,15 @@ from cellctl.devices import (
     DeviceRefused,
 )
 from drivers.kuka_rsi.axes import AXES
-from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cyclic.model_arrays import pack
-from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, OnlineStatus
-from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, OnlineStatus, pack
+from drivers.kuka_rsi.cyclic.session import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
-from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
-from drivers.kuka_rsi.eki.refusals import refusal
+from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
+from drivers.kuka_rsi.eki.channel import refusal
 from drivers.kuka_rsi.robot.holding import Holding
 from drivers.kuka_rsi.robot.lines import ControllerLines
-from drivers.kuka_rsi.robot.rsi_on import REMEDY, in_words, restarted
+from drivers.kuka_rsi.robot.rsi_process import REMEDY, in_words, restarted
 
 _POLL_S = 0.02
 _BEGINS_S = 2.0

@@ -1,10 +1,11 @@
-"""The robot for campaigns: moves by the controller, searches by RSI, held after each motion."""
+"""The robot for campaigns: moves by the controller, searches by RSI, held after each motion; currents, health."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from statistics import fmean, stdev
 from typing import Final, final
 
 from cellctl.clock import Clock
@@ -14,6 +15,7 @@ from cellctl.devices import (
     CorrectionReport,
     CorrectionSample,
     DeviceError,
+    DeviceFault,
     DeviceLost,
     DeviceRefused,
     Guard,
@@ -26,22 +28,67 @@ from cellctl.devices import (
     TableState,
 )
 from drivers.kuka_rsi.axes import AXES
-from drivers.kuka_rsi.cyclic.limits import SearchLimits
-from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
-from drivers.kuka_rsi.cyclic.task import SearchOrder
-from drivers.kuka_rsi.eki.documents import Reply, point_to_point
-from drivers.kuka_rsi.eki.refusals import refusal
-from drivers.kuka_rsi.eki.table_channel import TableChannel
-from drivers.kuka_rsi.eki.table_rows import to_row
+from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
+from drivers.kuka_rsi.cyclic.session import SearchOrder
+from drivers.kuka_rsi.cyclic.shared_block import Sample, Slot
+from drivers.kuka_rsi.eki.channel import Reply, point_to_point, refusal
+from drivers.kuka_rsi.eki.tables import TableChannel, to_row
 from drivers.kuka_rsi.robot.correcting import Correcting
-from drivers.kuka_rsi.robot.currents_at_rest import AT_REST, mean_currents
-from drivers.kuka_rsi.robot.guards import ENGINE, GuardSlots
-from drivers.kuka_rsi.robot.health import health_of
 from drivers.kuka_rsi.robot.holding import Holding
-from drivers.kuka_rsi.robot.lines import ControllerLines
-from drivers.kuka_rsi.robot.searching import Search
+from drivers.kuka_rsi.robot.lines import ENGINE, ControllerLines, GuardSlots
+from drivers.kuka_rsi.robot.searching import Search, foreign_datagrams
 from drivers.kuka_rsi.settings import RsiSettings
 from drivers.seen_through import see_through
+
+AT_REST = (0.0,) * AXES
+"""The correction of such a session."""
+
+
+def mean_currents(device: str, samples: Sequence[Sample]) -> MotorCurrents:
+    """Mean and 1 σ of one sample, in the unit of MACur. Raises DeviceFault if a telegram has no six numbers."""
+    if not all(sample.currents for sample in samples):
+        cure = "compare the RSI Ethernet configuration on the controller with the one here"
+        raise DeviceFault(device, "telegrams came without readable motor currents (MACur)", cure)
+    columns = list(zip(*(sample.currents for sample in samples), strict=True))
+    sigmas = tuple(stdev(column) if len(column) > 1 else 0.0 for column in columns)
+    middle_ns = (samples[0].arrival_ns + samples[-1].arrival_ns) // 2
+    return MotorCurrents(tuple(map(fmean, columns)), sigmas, len(samples), middle_ns)
+
+
+_COUNTED = (
+    Slot.TELEGRAMS,
+    Slot.LATE,
+    Slot.LATE_REPORTED,
+    Slot.LOST,
+    Slot.SKIPPED,
+    Slot.STALE,
+    Slot.BEYOND,
+    Slot.MALFORMED,
+    Slot.FOREIGN,
+)
+
+_WITHOUT = {
+    "fifo": "no real-time priority for RSI (grant CAP_SYS_NICE or an rtprio limit)",
+    "mlock": "the memory of RSI is not locked (grant CAP_IPC_LOCK or a memlock limit)",
+    "affinity": "RSI has no processor of its own (isolcpus)",
+}
+
+
+def health_of(lines: ControllerLines) -> Health:
+    """State of controller and RSI process; counts since the lines were opened. Raises DeviceLost."""
+    process, eki = lines.process, lines.eki
+    stat = eki.stat
+    words = process.block.words
+    figures = {slot.name.lower(): float(words[slot]) for slot in _COUNTED}
+    figures |= {"cycle_ms": words[Slot.CYCLE] * 1e-6, "real_time": float(process.granted["fifo"])}
+    figures |= {"memory_locked": float(process.granted["mlock"]), "pinned": float(process.granted["affinity"])}
+    figures |= {"unreadable": float(eki.unreadable), "latency_ms": lines.latency_s * 1e3}
+    text = f"{stat.mode}, {stat.program}" + (f": {stat.message}" if stat.message else "")
+    text += "".join(f"; {what}" for name, what in _WITHOUT.items() if not process.granted[name])
+    if words[Slot.FOREIGN]:
+        text += f"; {foreign_datagrams(process)}"
+    return Health(stat.program != "ERROR" and stat.mode == "EXT", text, figures, stat.mode)
+
 
 _SLOW_AXIS_DEG_S = 30.0
 """Least speed of any axis at 100 %; a move's time limit follows from it."""

@@ -21,10 +21,18 @@ from krl_programs import Krl, Place, Text
 from cellctl.clock import WallClock
 from cellctl.devices import Address, ControllerTable, Surroundings, TableInfo, TableRow, TableState
 from drivers.kuka_rsi.controller_files.generate import controller_files
-from drivers.kuka_rsi.eki.channel import ANSWER_S, SILENCE_S, EkiChannel
-from drivers.kuka_rsi.eki.documents import DocumentStream, Reply, Stat, point_to_point, read_document, write_command
-from drivers.kuka_rsi.eki.table_channel import TableChannel
-from drivers.kuka_rsi.eki.table_rows import BLOCK_ROWS
+from drivers.kuka_rsi.eki.channel import (
+    ANSWER_S,
+    SILENCE_S,
+    DocumentStream,
+    EkiChannel,
+    Reply,
+    Stat,
+    point_to_point,
+    read_document,
+    write_command,
+)
+from drivers.kuka_rsi.eki.tables import BLOCK_ROWS, TableChannel
 
 ADDRESS = Address.parse("kuka+rsi://192.168.10.2:49152?ethernet=rsi_ethernet.xml&eki=172.31.1.147:54601")
 REFERENCE = (ROOT / "docs" / "reference" / "eki-channel.md").read_text()

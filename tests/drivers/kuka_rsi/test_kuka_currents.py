@@ -9,10 +9,10 @@ from drive_cells import CELLS, DRIVES, ROBOT, cell_file, drive_cell
 from cellctl.devices import DeviceFault, DeviceRefused
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.session import Cause, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Sample, SharedBlock
-from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
-from drivers.kuka_rsi.robot.currents_at_rest import mean_currents
+from drivers.kuka_rsi.robot.kuka_robot import mean_currents
 
 TILTED = (0.0, -60.0, 90.0, 20.0, 45.0, 0.0)
 ZERO = (0.0,) * 6

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.kuka_rsi.eki.documents import DocumentStream, Reply, Stat, point_to_point, read_document, write_command
+from drivers.kuka_rsi.eki.channel import DocumentStream, Reply, Stat, point_to_point, read_document, write_command
 
 Q = '<Q A1="0.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="45.0000" A6="0.0000"/>'
 JOINTS = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)

@@ -12,8 +12,8 @@ from studies import load_study
 
 from cellctl.clock import WallClock
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
+from drivers.kuka_rsi.cyclic.session import SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
-from drivers.kuka_rsi.cyclic.task import SearchOrder
 from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
 

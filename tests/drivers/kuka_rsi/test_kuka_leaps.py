@@ -17,12 +17,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 from rsi_line import CALM, FAULTS, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather
 
-from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
+from drivers.kuka_rsi.cyclic.session import InterpolationCycle, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
-from drivers.kuka_rsi.cyclic.task import SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "100"))
 

@@ -11,12 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.kuka_rsi.cyclic.cycle_timing import AnswerDelay, CycleTiming
 from drivers.kuka_rsi.cyclic.limits import CycleWatch, Limit, SearchLimits
-from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
-from drivers.kuka_rsi.cyclic.session import Admission
-from drivers.kuka_rsi.cyclic.set_point import SetPoint
-from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
+from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle, SetPoint
+from drivers.kuka_rsi.cyclic.session import Admission, AnswerDelay, Cause, CycleTiming, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 CYCLE_S = 0.004

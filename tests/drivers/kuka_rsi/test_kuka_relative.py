@@ -10,11 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.devices import Address, DeviceFault, DeviceLost, SearchEnd
-from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode, WrittenCorrections
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
-from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
-from drivers.kuka_rsi.cyclic.telegram import Telegram
+from drivers.kuka_rsi.cyclic.session import Cause, SearchOrder
+from drivers.kuka_rsi.cyclic.telegram import CorrectionMode, Telegram, WrittenCorrections
 from drivers.kuka_rsi.description import check_address
 
 TWO_DEG = (0.0, -88.0, 90.0, 0.0, 45.0, 0.0)

@@ -11,16 +11,13 @@ from typing import final
 import pytest
 
 from cellctl.devices import SearchEnd
-from drivers.kuka_rsi.cyclic.controller_line import ControllerLine
-from drivers.kuka_rsi.cyclic.cycle_timing import CycleTiming
 from drivers.kuka_rsi.cyclic.limits import Correction, SearchLimits
-from drivers.kuka_rsi.cyclic.responder import Responder
+from drivers.kuka_rsi.cyclic.responder import ControllerLine, Responder
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
-from drivers.kuka_rsi.cyclic.session import Admission
+from drivers.kuka_rsi.cyclic.session import Admission, Cause, CycleTiming, CyclicTask, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import ROWS, Sample, SharedBlock, Slot
-from drivers.kuka_rsi.cyclic.task import Cause, CyclicTask, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat, Telegram
-from drivers.kuka_rsi.robot.search_record import SearchRecord
+from drivers.kuka_rsi.robot.searching import SearchRecord
 
 HOME = (0.0,) * 6
 TEMPLATE = (

@@ -17,8 +17,8 @@ from cellctl.devices import (
     TableInfo,
     TableRow,
 )
-from drivers.kuka_rsi.eki.documents import LARGEST_DOCUMENT, write_command
-from drivers.kuka_rsi.eki.table_rows import WrittenRow, block, blocks, checksum, written_rows
+from drivers.kuka_rsi.eki.channel import LARGEST_DOCUMENT, write_command
+from drivers.kuka_rsi.eki.tables import WrittenRow, block, blocks, checksum, written_rows
 
 
 def row(number: int) -> TableRow:

@@ -16,17 +16,13 @@ from online_models import wavy_model
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings
 from cellctl.devices.cell import ONLINE_CORRECTION_DEG
-from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
-from drivers.kuka_rsi.cyclic.limits import Limit
-from drivers.kuka_rsi.cyclic.model_arrays import pack
-from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
+from drivers.kuka_rsi.cyclic.limits import CorrectionMotion, Limit, OnlineLimits, online_limit_errors
+from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, pack
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
-from drivers.kuka_rsi.cyclic.online_limits import CorrectionMotion, OnlineLimits, online_limit_errors
-from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission
+from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Cause, InterpolationCycle, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
-from drivers.kuka_rsi.cyclic.task import Cause, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.telegram import Telegram
-from drivers.kuka_rsi.setup_check import findings
+from drivers.kuka_rsi.description import findings
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 LIMITS = OnlineLimits()

@@ -17,13 +17,11 @@ from hypothesis.stateful import initialize, rule
 from online_models import wavy_model
 from rsi_line import CALM, HOME, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather
 
-from drivers.kuka_rsi.cyclic.cycle_timing import InterpolationCycle
-from drivers.kuka_rsi.cyclic.model_arrays import pack
-from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
+from drivers.kuka_rsi.cyclic.limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, pack
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
-from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.session import Cause, InterpolationCycle, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
-from drivers.kuka_rsi.cyclic.task import Cause, SearchOrder
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "12"))
 LIMITS = OnlineLimits()

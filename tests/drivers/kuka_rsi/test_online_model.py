@@ -28,7 +28,7 @@ from cellctl.compensation import compensate
 from cellctl.compensation.online import online_arrays
 from cellctl.formats import RobotFile
 from cellctl.kinematics import inverse_pose
-from drivers.kuka_rsi.cyclic.model_arrays import pack, unpack
+from drivers.kuka_rsi.cyclic.online_block import pack, unpack
 from drivers.kuka_rsi.cyclic.online_kernel import newton_step
 from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 

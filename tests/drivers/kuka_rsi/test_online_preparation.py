@@ -14,14 +14,13 @@ from online_models import wavy_model
 
 from cellctl.clock import WallClock
 from cellctl.devices import CorrectionModel, DeviceLost, DeviceRefused
-from drivers.kuka_rsi.cyclic.correction_mode import CorrectionMode
-from drivers.kuka_rsi.cyclic.model_arrays import pack
-from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
+from drivers.kuka_rsi.cyclic.limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, pack
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
-from drivers.kuka_rsi.cyclic.online_limits import OnlineLimits
+from drivers.kuka_rsi.cyclic.session import SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock, Slot
-from drivers.kuka_rsi.cyclic.task import SearchOrder
-from drivers.kuka_rsi.eki.documents import Reply
+from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
+from drivers.kuka_rsi.eki.channel import Reply
 from drivers.kuka_rsi.robot.correcting import Correcting
 from drivers.kuka_rsi.robot.holding import Holding
 

@@ -12,7 +12,7 @@ from fake_tracker_cell import CELL, PROCEDURES, ROBOT, FakeRobot, FakeRun, run_f
 from cellctl.devices import CorrectionModel, CorrectionReport, CorrectionSample
 from cellctl.engine import State
 from cellctl.formats import TableFile
-from drivers.kuka_rsi.cyclic.model_arrays import pack
+from drivers.kuka_rsi.cyclic.online_block import pack
 from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 from procedures.steps.tracker.rows import CompensatedRow, CorrectionModelRow, PoseRow, TargetsRow, TrackerVerdict
 
