@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from cellctl.devices import Address, DriverDescription, Finding, Surroundings, TableRobot, host_places
 from drivers.kuka_varproxy.controller_files.generate import controller_files
-from drivers.kuka_varproxy.limits import MoveLimits, findings
+from drivers.kuka_varproxy.line import ProxyPlace
+from drivers.kuka_varproxy.readiness import MoveLimits, findings
 from drivers.kuka_varproxy.robot import VarProxyRobot
-from drivers.kuka_varproxy.settings import ProxyPlace
 
 
 def open_robot(name: str, address: Address, surroundings: Surroundings) -> TableRobot:

@@ -1,14 +1,132 @@
-"""The connection to the proxy: one request after the other, each answer matched by its number."""
+"""The connection to the proxy: its place, its messages, one request after the other, answers matched by number.
+
+Source: C3 Bridge Interface Protocol 1.5, sections 3.1, 3.2, 3.5, 3.9; KUKAVARPROXY has the first two types alone.
+Integers are big-endian. The length counts the bytes behind it. An answer ends with an error code and a success flag.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from typing import final
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Self, final
 
 from cellctl.clock import Clock, Wire
-from cellctl.devices import DeviceLost
-from drivers.kuka_varproxy.messages import Answer, AnswerStream, Kind, request
+from cellctl.devices import Address, DeviceLost, impossible_host
 from drivers.tcp_connection import connected, hang_up
+
+PORT = 7000
+EXAMPLE = "kuka+varproxy://172.31.1.147:7000"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ProxyPlace:
+    """Host and port of the proxy on the controller's KLI network."""
+
+    host: str
+    port: int
+
+    @classmethod
+    def of(cls, address: Address) -> Self:
+        """The place in an address. Raises ValueError for a missing host, a path, or a setting: there are none."""
+        if not address.host or address.path.strip("/") or address.query:
+            raise ValueError(f"'{address}' has to name a host, may name a port, and nothing else, as {EXAMPLE}")
+        if why := impossible_host(address.host, reached=True):
+            raise ValueError(f"'{address}': {why}")
+        return cls(address.host, address.port or PORT)
+
+
+LARGEST_MESSAGE = 0xFFFF
+"""What the length field can state, bytes."""
+
+_HEADER = struct.Struct(">HHB")
+_FOOTER = struct.Struct(">HB")
+_LENGTHS = struct.Struct(">HH")
+_TEXT = struct.Struct(">H")
+_LEAST = 1 + _FOOTER.size
+
+
+@final
+class Kind(IntEnum):
+    """Message types that this driver sends."""
+
+    READ = 0
+    WRITE = 1
+    FILE_WRITE = 29
+    FILE_READ = 30
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer: `payload` is what is between type and footer; `code` and `ok` are the footer."""
+
+    id: int
+    kind: int
+    payload: bytes
+    code: int
+    ok: bool
+
+    @property
+    def text(self) -> str:
+        """The payload as one text with its length before it. Raises ValueError if it is not one."""
+        if len(self.payload) < _TEXT.size:
+            raise ValueError("the answer has no text")
+        (length,) = _TEXT.unpack_from(self.payload)
+        if len(self.payload) != _TEXT.size + length:
+            raise ValueError(f"a text of {length} bytes is announced, {len(self.payload) - _TEXT.size} came")
+        return self.payload[_TEXT.size :].decode("latin-1")
+
+
+def request(number: int, kind: Kind, payload: bytes) -> bytes:
+    """A request. Raises ValueError if it is longer than the length field can state."""
+    length = 1 + len(payload)
+    if length > LARGEST_MESSAGE:
+        raise ValueError(f"a message of {length} bytes; {LARGEST_MESSAGE} fit")
+    return _HEADER.pack(number, length, kind) + payload
+
+
+def text_field(text: str) -> bytes:
+    """A text with its length before it. Raises ValueError for a character that KRL does not have."""
+    try:
+        data = text.encode("ascii")
+    except UnicodeEncodeError:
+        raise ValueError(f"'{text}' has characters that are not ASCII") from None
+    return _TEXT.pack(len(data)) + data
+
+
+def wide_field(text: str) -> bytes:
+    """A text in UTF-16, little-endian as the one exception; its length before it counts characters."""
+    data = text.encode("utf-16-le")
+    return _TEXT.pack(len(data) // 2) + data
+
+
+@final
+class AnswerStream:
+    """Splits a stream into answers, for any TCP segmentation."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> list[Answer]:
+        """The answers that `data` completes. Raises ValueError if an announced length cannot be one of an answer."""
+        self._buffer += data
+        answers = []
+        while len(self._buffer) >= _LENGTHS.size:
+            number, length = _LENGTHS.unpack_from(self._buffer)
+            if length < _LEAST:
+                raise ValueError(f"an answer of {length} bytes is announced; the shortest has {_LEAST}")
+            end = _LENGTHS.size + length
+            if len(self._buffer) < end:
+                break
+            body = self._buffer[_LENGTHS.size : end]
+            code, ok = _FOOTER.unpack(body[-_FOOTER.size :])
+            answers.append(Answer(number, body[0], body[1 : -_FOOTER.size], code, bool(ok)))
+            self._buffer = self._buffer[end:]
+        return answers
+
 
 ANSWER_S = 5.0
 """Longest wait for an answer, in the cell's time. A variable takes several ms."""

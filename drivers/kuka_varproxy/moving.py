@@ -16,10 +16,17 @@ from cellctl.devices import (
     JointReadings,
     LimitExceeded,
 )
-from drivers.kuka_varproxy.literals import structure
-from drivers.kuka_varproxy.names import JOB, JOB_KIND, SILENCE, SILENCE_MS, SILENCE_STOPPED, STOP
 from drivers.kuka_varproxy.readiness import require_ready
-from drivers.kuka_varproxy.variables import Variables
+from drivers.kuka_varproxy.variables import (
+    JOB,
+    JOB_KIND,
+    SILENCE,
+    SILENCE_MS,
+    SILENCE_STOPPED,
+    STOP,
+    Variables,
+    structure,
+)
 from drivers.seen_through import see_through
 
 POLL_S = 0.05

@@ -1,14 +1,73 @@
-"""What the controller reports of itself, and whether that allows a move."""
+"""What the controller reports of itself, and whether that and the limits of cell and axes allow a move."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self, final
 
 from cellctl.clock import Clock
-from cellctl.devices import DeviceRefused
-from drivers.kuka_varproxy.names import PROGRAM, VERSION
-from drivers.kuka_varproxy.variables import Variables
+from cellctl.devices import DeviceRefused, Finding, Health, JointReadings, LimitExceeded
+from drivers.kuka_varproxy.line import ProxyLine
+from drivers.kuka_varproxy.variables import AXES, PROGRAM, VERSION, Variables
+
+_CEILINGS = {"speed_percent": 100.0}
+SLOWEST_PERCENT = 1.0
+"""The controller's program takes whole percent."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class MoveLimits:
+    """`speed_percent`: highest speed of a move, percent of each axis' maximum."""
+
+    speed_percent: float = 30.0
+
+    @classmethod
+    def of(cls, stated: Mapping[str, float]) -> Self:
+        """The limits in the cell file; a missing one takes its default, which is low. Raises ValueError."""
+        if found := findings(stated):
+            raise ValueError("; ".join(finding.what for finding in found))
+        return cls(**stated)
+
+
+def findings(stated: Mapping[str, float]) -> list[Finding]:
+    """Errors in the limits of the cell file."""
+    found = []
+    for name, value in stated.items():
+        highest = _CEILINGS.get(name)
+        if highest is None:
+            found.append(Finding(f"unknown limit '{name}'", f"there is {', '.join(_CEILINGS)}", name))
+        elif not SLOWEST_PERCENT <= value <= highest:
+            what = f"limit {name} {value:g} is outside {SLOWEST_PERCENT:g} … {highest:g}"
+            found.append(Finding(what, "give a number within these", name))
+    return found
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class AxisRanges:
+    """The software limits of the axes as the controller has them, degrees."""
+
+    ranges: tuple[tuple[float, float], ...]
+
+    @classmethod
+    async def read(cls, variables: Variables) -> Self:
+        """From `$SOFTN_END` and `$SOFTP_END`. Raises as `Variables` does."""
+        numbers = range(1, AXES + 1)
+        low = [await variables.number(f"$SOFTN_END[{axis}]") for axis in numbers]
+        high = [await variables.number(f"$SOFTP_END[{axis}]") for axis in numbers]
+        return cls(tuple(zip(low, high, strict=True)))
+
+    def check(self, device: str, joints: JointReadings) -> None:
+        """Raises LimitExceeded if these are no joints, or one is outside its range."""
+        if len(joints) != AXES or not all(map(math.isfinite, joints)):
+            raise LimitExceeded(device, f"{joints} are not {AXES} joint readings")
+        for axis, (angle, (low, high)) in enumerate(zip(joints, self.ranges, strict=True), 1):
+            if not low <= angle <= high:
+                raise LimitExceeded(device, f"A{axis} {angle:.4f} deg is outside {low:g} … {high:g} deg")
+
 
 _BEAT_S = 0.1
 """The program counts every 12 ms while it waits for a job."""
@@ -72,3 +131,15 @@ async def require_ready(device: str, variables: Variables, clock: Clock) -> None
     await clock.sleep(_BEAT_S)
     if await variables.whole("KV_BEAT") == before:
         raise DeviceRefused(device, f"move: {PROGRAM} does not count: it waits, or does something else", _CURE)
+
+
+async def health_of(device: str, variables: Variables, line: ProxyLine) -> Health:
+    """In order if the controller reports all that a move needs. Raises DeviceFault, DeviceLost."""
+    try:
+        await require_version(device, variables)
+        state = await ControllerState.read(variables)
+    except DeviceRefused as refused:
+        return Health(False, f"{refused.what}: the generated program is not there, or not the one of this driver")
+    found = state.obstacles()
+    figures = {"latency_ms": line.latency_s * 1e3}
+    return Health(not found, "; ".join(found) or "EXT, program runs, drives on", figures)

@@ -20,17 +20,11 @@ from cellctl.devices import (
     TableState,
 )
 from cellctl.devices.tables import lost_before_activation
-from drivers.kuka_varproxy.files import ControllerFiles
-from drivers.kuka_varproxy.health import health_of
-from drivers.kuka_varproxy.limits import SLOWEST_PERCENT, AxisRanges, MoveLimits
-from drivers.kuka_varproxy.line import ProxyLine
-from drivers.kuka_varproxy.literals import AXES
+from drivers.kuka_varproxy.line import ProxyLine, ProxyPlace
 from drivers.kuka_varproxy.moving import ACTUAL, Job, Mover
-from drivers.kuka_varproxy.names import SILENCE, SILENCE_STOPPED, STOP
-from drivers.kuka_varproxy.readiness import require_version
-from drivers.kuka_varproxy.settings import ProxyPlace
+from drivers.kuka_varproxy.readiness import SLOWEST_PERCENT, AxisRanges, MoveLimits, health_of, require_version
 from drivers.kuka_varproxy.tables import TableMemory
-from drivers.kuka_varproxy.variables import Variables
+from drivers.kuka_varproxy.variables import AXES, SILENCE, SILENCE_STOPPED, STOP, ControllerFiles, Variables
 from drivers.seen_through import see_through
 
 _CONDITIONS: Final = {"ready": "the controller reports all that a move needs"}

@@ -9,9 +9,19 @@ from typing import Self, final
 
 from cellctl.devices import ControllerTable, DeviceFault, DeviceRefused, TableInfo, TableRow, TableState
 from cellctl.devices.tables import lost_before_activation, lost_in_activation, refuse_rows
-from drivers.kuka_varproxy.literals import AXES, plain_text, structure, whole
-from drivers.kuka_varproxy.names import BANK_KIND, BANKS, MOST_ROWS, ROW_KIND, bank, row
-from drivers.kuka_varproxy.variables import Variables
+from drivers.kuka_varproxy.variables import (
+    AXES,
+    BANK_KIND,
+    BANKS,
+    MOST_ROWS,
+    ROW_KIND,
+    Variables,
+    bank,
+    plain_text,
+    row,
+    structure,
+    whole,
+)
 from drivers.seen_through import see_through
 
 _MILLIONTHS = 1_000_000

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.kuka_varproxy.messages import Kind, request, text_field
+from drivers.kuka_varproxy.line import Kind, request, text_field
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0

@@ -6,9 +6,9 @@ import re
 from importlib.resources import files
 
 from cellctl.devices import Address, Surroundings
-from drivers.kuka_varproxy import names
-from drivers.kuka_varproxy.limits import MoveLimits
-from drivers.kuka_varproxy.settings import ProxyPlace
+from drivers.kuka_varproxy import variables
+from drivers.kuka_varproxy.line import ProxyPlace
+from drivers.kuka_varproxy.readiness import MoveLimits
 
 KRL_FILES = ("cellctl_kvp.src", "cellctl_kvp.dat")
 INSTRUCTIONS = "README.txt"
@@ -22,13 +22,13 @@ def controller_files(cell: str, address: Address, surroundings: Surroundings) ->
     place, limits = ProxyPlace.of(address), MoveLimits.of(surroundings.limits)
     places = {
         "CELL": " ".join(cell.split()),
-        "VERSION": names.VERSION,
-        "FLAG": names.FLAG_STOP,
-        "TIMER": names.TIMER,
-        "INTERRUPT_STOP": names.INTERRUPT_STOP,
-        "INTERRUPT_SILENCE": names.INTERRUPT_SILENCE,
-        "BANKS": names.BANKS,
-        "ROWS": names.MOST_ROWS,
+        "VERSION": variables.VERSION,
+        "FLAG": variables.FLAG_STOP,
+        "TIMER": variables.TIMER,
+        "INTERRUPT_STOP": variables.INTERRUPT_STOP,
+        "INTERRUPT_SILENCE": variables.INTERRUPT_SILENCE,
+        "BANKS": variables.BANKS,
+        "ROWS": variables.MOST_ROWS,
         "PERCENT": int(limits.speed_percent),
         "SILENCE": f"{names.SILENCE_MS / 1000:g}",
         "HOST": place.host,

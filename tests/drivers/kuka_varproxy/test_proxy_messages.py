@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.kuka_varproxy import literals
-from drivers.kuka_varproxy.messages import Answer, AnswerStream, Kind, request, text_field, wide_field
+from drivers.kuka_varproxy import variables
+from drivers.kuka_varproxy.line import Answer, AnswerStream, Kind, request, text_field, wide_field
 
 PUBLISHED_ANSWER = bytes.fromhex("0100 0008 05 0001 3500 0001 01")
 """C3 Bridge Interface Protocol 1.5, section 3.5.6: the answer to writing 5 to $OV_PRO."""
@@ -67,19 +67,19 @@ def test_wide_texts_are_little_endian_and_count_characters():
 
 def test_structures_are_read_as_controllers_print_them():
     text = "{E6AXIS: A1 -0.000012, A2 -90.0, A3 9.0E1, A4 0, A5 45.5, A6 1, E1 0.0, E2 0.0}"
-    assert literals.joints(text) == (-0.000012, -90.0, 90.0, 0.0, 45.5, 1.0)
-    assert literals.fields('{KV_BANK_T: ID[] "a, b", ROWS 3}') == {"ID[]": '"a, b"', "ROWS": "3"}
+    assert variables.joints(text) == (-0.000012, -90.0, 90.0, 0.0, 45.5, 1.0)
+    assert variables.fields('{KV_BANK_T: ID[] "a, b", ROWS 3}') == {"ID[]": '"a, b"', "ROWS": "3"}
 
 
 @pytest.mark.parametrize("text", ["", "#EX", "{E6AXIS: A1 0.0}", "{A1 x, A2 0, A3 0, A4 0, A5 0, A6 0}", "{A1 nan"])
 def test_what_is_no_pose_is_an_error(text):
     with pytest.raises(ValueError):
-        literals.joints(text)
+        variables.joints(text)
 
 
 @given(st.dictionaries(st.sampled_from(["A1", "ROW", "CHECK"]), st.integers(-(2**31), 2**31 - 1), min_size=1))
 def test_a_written_structure_is_the_same_in_another_order_and_not_with_another_number(values):
-    written = literals.structure("KV_JOB_T", values)
-    turned = literals.structure("kv_job_t", dict(reversed(values.items())))
-    assert literals.same(written, turned)
-    assert not literals.same(written, literals.structure("KV_JOB_T", {**values, "A1": values.get("A1", 0) ^ 1}))
+    written = variables.structure("KV_JOB_T", values)
+    turned = variables.structure("kv_job_t", dict(reversed(values.items())))
+    assert variables.same(written, turned)
+    assert not variables.same(written, variables.structure("KV_JOB_T", {**values, "A1": values.get("A1", 0) ^ 1}))

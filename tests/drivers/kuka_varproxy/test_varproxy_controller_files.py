@@ -10,11 +10,11 @@ from krl_programs import Krl
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings, TableInfo
-from drivers.kuka_varproxy import names
+from drivers.kuka_varproxy import variables
 from drivers.kuka_varproxy.controller_files.generate import controller_files
-from drivers.kuka_varproxy.literals import fields
 from drivers.kuka_varproxy.moving import Job
 from drivers.kuka_varproxy.tables import _NAMES, _head, _row_text
+from drivers.kuka_varproxy.variables import fields
 
 POINT = (1.23456, -90.0, 90.00004, -170.5, 45.0, 349.9999)
 REFERENCE = (Path(__file__).parents[3] / "docs/reference/varproxy-channel.md").read_text()
@@ -100,16 +100,16 @@ def test_the_drivers_structures_have_the_fields_of_the_data_list(made):
     def written(text):
         return [name.removesuffix("[]") for name in fields(text)]
 
-    assert written(Job(POINT, 20).written(1)) == declared[names.JOB_KIND]
-    assert written(_row_text(tuple(range(12)))) == declared[names.ROW_KIND]
-    assert written(_head(TableInfo("id", 3, "01234567"), taken=0)) == declared[names.BANK_KIND]
+    assert written(Job(POINT, 20).written(1)) == declared[variables.JOB_KIND]
+    assert written(_row_text(tuple(range(12)))) == declared[variables.ROW_KIND]
+    assert written(_head(TableInfo("id", 3, "01234567"), taken=0)) == declared[variables.BANK_KIND]
 
 
 def test_every_variable_that_the_reference_names_is_declared(made):
     declared = set(re.findall(r"^DECL GLOBAL \w+ (KV_\w+)", made["cellctl_kvp.dat"], re.MULTILINE))
     named = set(re.findall(r"`(KV_[A-Z0-9_]+?)(?:\[[^`]*)?`", REFERENCE))
     assert named
-    assert named <= declared | {names.JOB_KIND, names.ROW_KIND, names.BANK_KIND}
+    assert named <= declared | {variables.JOB_KIND, variables.ROW_KIND, variables.BANK_KIND}
 
 
 def test_the_files_are_filled_in_ascii_and_say_that_nobody_tried_them(made):

@@ -7,8 +7,8 @@ import asyncio
 import pytest
 
 from cellctl.devices import ControllerTable, DeviceFault, DeviceLost, DeviceUncertain, TableRow
-from drivers.kuka_varproxy import literals
-from drivers.kuka_varproxy.messages import Answer, Kind
+from drivers.kuka_varproxy import variables
+from drivers.kuka_varproxy.line import Answer, Kind
 from drivers.kuka_varproxy.tables import Roles, TableMemory
 from drivers.kuka_varproxy.variables import Variables
 
@@ -112,8 +112,8 @@ def test_roles_are_three_banks_and_the_free_one_is_neither_active_nor_previous(n
 
 def test_an_active_table_whose_rows_were_changed_is_a_fault(values):
     place = Roles.of(int(values["KV_ROLES"])).active
-    row = literals.fields(values[f"KV_TAB[{place},2]"])
+    row = variables.fields(values[f"KV_TAB[{place},2]"])
     changed = {name: int(value) + (name == "C6") for name, value in row.items()}
-    values[f"KV_TAB[{place},2]"] = literals.structure("KV_ROW_T", changed)
+    values[f"KV_TAB[{place},2]"] = variables.structure("KV_ROW_T", changed)
     with pytest.raises(DeviceFault, match="check sum"):
         run(memory(values)[0].read())
