@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from cellctl.devices import Address, CellIO, DriverDescription, Surroundings, host_places
-from drivers.modbus_plc.plc import ModbusPlc
-from drivers.modbus_plc.settings import PlcPlace, limits_of
+from drivers.modbus_plc.plc import ModbusPlc, PlcPlace, limits_of
 
 
 def open_plc(name: str, address: Address, surroundings: Surroundings) -> CellIO:
