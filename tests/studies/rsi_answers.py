@@ -47,7 +47,7 @@ from online_models import wavy_model  # noqa: E402
 from drivers.kuka_rsi.cyclic.online_block import (  # noqa: E402
     TIMING_STEP_NS,
     OnlineSlot,
-    pack,  # noqa: E402
+    pack,
 )
 
 ONLINE = "on-line"

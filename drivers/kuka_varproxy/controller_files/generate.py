@@ -30,7 +30,7 @@ def controller_files(cell: str, address: Address, surroundings: Surroundings) ->
         "BANKS": variables.BANKS,
         "ROWS": variables.MOST_ROWS,
         "PERCENT": int(limits.speed_percent),
-        "SILENCE": f"{names.SILENCE_MS / 1000:g}",
+        "SILENCE": f"{variables.SILENCE_MS / 1000:g}",
         "HOST": place.host,
         "PORT": place.port,
     }

@@ -119,5 +119,5 @@ def test_the_files_are_filled_in_ascii_and_say_that_nobody_tried_them(made):
         assert not re.search(r"@[A-Z]", text)
         assert "not tried on a real" in text.lower()
     assert "172.31.1.147:7001" in made["README.txt"]
-    assert f"$FLAG[{names.FLAG_STOP}]" in made["cellctl_kvp.src"]
+    assert f"$FLAG[{variables.FLAG_STOP}]" in made["cellctl_kvp.src"]
     assert "for a cell." in made["cellctl_kvp.src"]
