@@ -73,7 +73,7 @@ class GeocomTracker:
 
     async def set_weather(self, weather: Weather) -> None:
         """Write the air's state. Raises LimitExceeded for values that no workshop has."""
-        instrument.check(self.name, weather)
+        instrument.check_weather(self.name, weather)
         await set_air(self._connected(), weather)
         self._weather = weather
 

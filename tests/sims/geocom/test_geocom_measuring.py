@@ -136,7 +136,7 @@ def test_the_inclination_is_reported_across_and_along_the_line_of_sight(one):
 def test_the_air_that_is_set_corrects_the_distance_and_the_true_air_does_not_follow(one):
     true = Air(28.0, 990.0, 40.0)
     line = one(Scene([Reflector("R1", PLACE)], air=true))
-    needed = optics.ppm(28.0, 990.0, optics.vapour_of_humidity(28.0, 40.0))
+    needed = optics.ppm_of_air(28.0, 990.0, optics.vapour_of_humidity(28.0, 40.0))
     _, (*_, metres) = line.measure()
     assert metres * 1e3 == pytest.approx(LENGTH * (1 - needed * 1e-6), abs=1e-6)
     assert LENGTH - metres * 1e3 > 0.04

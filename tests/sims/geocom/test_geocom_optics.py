@@ -75,9 +75,9 @@ def test_a_point_of_the_base_frame_is_seen_from_where_the_instrument_is():
 
 def test_standard_air_needs_no_correction_and_a_degree_needs_one_ppm():
     vapour = optics.vapour_of_humidity(12.0, 60.0)
-    assert optics.ppm(12.0, 1013.25, vapour) == pytest.approx(0.0, abs=0.1)
-    assert optics.ppm(13.0, 1013.25, vapour) == pytest.approx(1.0, abs=0.1)
-    assert optics.ppm(12.0, 1023.25, vapour) == pytest.approx(-2.8, abs=0.1)
+    assert optics.ppm_of_air(12.0, 1013.25, vapour) == pytest.approx(0.0, abs=0.1)
+    assert optics.ppm_of_air(13.0, 1013.25, vapour) == pytest.approx(1.0, abs=0.1)
+    assert optics.ppm_of_air(12.0, 1023.25, vapour) == pytest.approx(-2.8, abs=0.1)
 
 
 def test_a_wet_bulb_thermometer_gives_the_vapour_of_the_humidity():
