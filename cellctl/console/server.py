@@ -38,7 +38,6 @@ PAGES = (
     "tables",
     "analyse",
     "analyse_one",
-    "not_found",
 )
 """Modules of `cellctl.console.pages`."""
 

@@ -6,10 +6,12 @@ Each takes a JSON object and what reports a line, and returns JSON.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from cellctl.calibration.estimation.progress import Progress
 from cellctl.console.worker import Tell
+
+if TYPE_CHECKING:
+    from cellctl.calibration.estimation.progress import Progress
 
 
 def understand(request: dict[str, Any], tell: Tell) -> dict[str, Any]:

@@ -113,7 +113,9 @@ class Configuration:
     def set_air(self, wave_um: float, pressure_hpa: float, dry_c: float, wet_c: float) -> None:
         """As TMC_SetAtmCorr: from here on the distances are corrected by it."""
         self.wave_um, self.pressure_hpa, self.dry_c, self.wet_c = wave_um, pressure_hpa, dry_c, wet_c
-        self.atmospheric_ppm = optics.ppm_of_air(dry_c, pressure_hpa, optics.vapour_of_wet_bulb(dry_c, wet_c, pressure_hpa))
+        self.atmospheric_ppm = optics.ppm_of_air(
+            dry_c, pressure_hpa, optics.vapour_of_wet_bulb(dry_c, wet_c, pressure_hpa)
+        )
 
     def set_recognition(self, on: bool) -> None:
         """Automatic target recognition; without it there is no lock."""

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from live_journals import WrittenRun, registry
 
-from cellctl.console.live import LiveRuns, runs
+from cellctl.console.live import LiveRuns
+from cellctl.console.live import runs as row
 from cellctl.files import InputError
 from cellctl.journal import RunResumed, StateChanged
 
@@ -86,8 +87,8 @@ def test_old_runs_are_read_once_and_again_only_when_they_change(
     for number in range(1, 100):
         shutil.copytree(run.folder, tmp_path / f"run-{number}")
     read: list[str] = []
-    original = runs.read_journal
-    monkeypatch.setattr(runs, "read_journal", lambda path: read.append(path.name) or original(path))
+    original = row.read_journal
+    monkeypatch.setattr(row, "read_journal", lambda path: read.append(path.name) or original(path))
 
     async def see(runs: LiveRuns) -> None:
         assert len(runs.rows) == 100
@@ -190,12 +191,12 @@ def test_a_run_whose_summary_fails_is_listed_with_its_problem_and_the_others_are
 ) -> None:
     for name in "ab":
         WrittenRun(tmp_path / name).end()
-    original = runs.run_summary
+    original = row.run_summary
 
     def failing(folder: Path, state: Any) -> Any:
         return original(folder, state) if folder.name == "a" else 1 / 0
 
-    monkeypatch.setattr(runs, "run_summary", failing)
+    monkeypatch.setattr(row, "run_summary", failing)
 
     async def see(runs: LiveRuns) -> None:
         assert [(each.run, each.state) for each in runs.rows] == [("a", "finished"), ("b", "unreadable")]
