@@ -208,7 +208,13 @@ class Connection:
         self._send_tick()
 
     def tick_after_output(self) -> None:
-        """Send a tick where a simulator has written to a wire since the last one."""
+        """Send a tick where a simulator has written to a wire since the last one.
+
+        The kernel calls this when nothing holds T. If the host has answered and T still waited for its bytes, that
+        wait was given up: they were lost. Without the next tick the host's timers would never fire again.
+        """
+        if self._to_read is not None:
+            self._go_on()
         if self._told != self._written():
             self._send_tick()
 
@@ -229,10 +235,13 @@ class Connection:
         wires = self._port.wires
         if not all(wires[name].has_read(count) for name, count in self._to_read.items() if name in wires):
             return
-        time_ns, self._ticked, self._to_read = self._ticked, None, None
+        self._go_on()
+
+    def _go_on(self) -> None:
+        assert self._ticked is not None
+        self._last_ns, self._ticked, self._to_read = self._ticked, None, None
         if self._hold is not None:
             self._hold.release()
-        self._last_ns = time_ns
         self._schedule_tick()
 
     def timer_set(self, due_ns: int) -> None:

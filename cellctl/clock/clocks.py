@@ -59,6 +59,12 @@ def _mapped(path: Path) -> TimeReader:
 _BUSY_EVERY_S = 1.0
 """Wall time after which an unanswered tick is reported as in progress; the simulator's time limit is 10 s."""
 
+_LOST_AFTER = 5
+"""So many times `_BUSY_EVERY_S` without anything read: the cell's bytes that are missing are lost, not late.
+
+A port discards what it holds when it is opened. Without this limit, such a cell would wait for ever.
+"""
+
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
@@ -278,7 +284,8 @@ class LockstepClock(Clock):
         return self._timers[0][0] if self._timers else None
 
     async def _nothing_left_to_do(self, tick: int) -> None:
-        """Wait until the loop is about to block, all the cell's bytes are read, and no work is in progress."""
+        """Wait until the loop is about to block, all the cell's bytes are read or lost, and no work is in progress."""
+        silent = 0
         while not (self._reader and self._reader.at_eof()):  # the simulator has ended: continue with wall time
             await _loop_about_to_block()
             self._changed.clear()
@@ -289,8 +296,13 @@ class LockstepClock(Clock):
             try:
                 async with asyncio.timeout(_BUSY_EVERY_S):  # not wait_for, which may swallow a cancellation (3.11)
                     await self._changed.wait()
+                silent = 0
             except TimeoutError:
                 self._send({"busy": tick})
+                silent += not self._standing
+                if silent >= _LOST_AFTER:
+                    for name, wire in self._wires.items():
+                        wire.catch_up(self._written_by_cell.get(name, 0))
 
     def _all_read(self) -> bool:
         return all(wire.has_read(self._written_by_cell.get(name, 0)) for name, wire in self._wires.items())

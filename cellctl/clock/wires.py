@@ -60,6 +60,11 @@ class CountedWire:
             self.bytes_read += count
         self._on_change()
 
+    def catch_up(self, written_by_cell: int) -> None:
+        """Count what the cell has written so far as read: what is missing was lost."""
+        with self._counting:
+            self.bytes_read = max(self.bytes_read, written_by_cell)
+
     def close(self) -> None:
         """Stop waiting for unread bytes of the cell."""
         self._closed = True

@@ -330,6 +330,40 @@ def test_a_thread_that_reads_lets_the_tick_be_answered(run):
     run(script)
 
 
+def test_bytes_of_the_cell_that_never_arrive_are_lost_after_a_time_and_the_cells_time_goes_on(run, monkeypatch):
+    monkeypatch.setattr("cellctl.clock.clocks._BUSY_EVERY_S", 0.02)
+
+    async def script(cell, clock):
+        probe = clock.wire("probe")
+        probe.read(37)
+        cell.written = {"probe": 68}  # the first line was discarded when the port was opened
+        await cell.tick(20)
+        cell.written = {"probe": 105}
+        tick = asyncio.create_task(cell.tick(20))
+        await asyncio.sleep(0)
+        probe.read(37)
+        await tick
+        assert not clock._standing
+
+    run(script)
+
+
+def test_work_of_this_computer_may_take_longer_than_bytes_that_are_lost(run, monkeypatch):
+    monkeypatch.setattr("cellctl.clock.clocks._BUSY_EVERY_S", 0.01)
+
+    async def script(cell, clock):
+        probe = clock.wire("probe")
+        cell.written = {"probe": 5}
+        with clock.standing():
+            tick = asyncio.create_task(cell.tick(20))
+            await asyncio.sleep(0.3)
+            assert not probe.has_read(5)
+            probe.read(5)
+        await tick
+
+    run(script)
+
+
 def test_a_tock_says_what_the_engine_has_written(run):
     async def script(cell, clock):
         probe = clock.wire("probe")

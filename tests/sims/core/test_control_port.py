@@ -8,6 +8,7 @@ from itertools import pairwise
 import pytest
 from simulated_devices import catalogue
 
+from sims import kernel as kernel_module
 from sims.control import STRIDE_NS, ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel
@@ -183,6 +184,19 @@ def test_time_waits_for_what_the_host_says_it_has_written(cell, host):
     cell.ended()
     cell.wire.read(12)
     assert cell.kernel.holders() == []
+
+
+def test_a_host_whose_bytes_were_lost_gets_its_next_tick_when_the_wait_for_them_was_given_up(cell, host, monkeypatch):
+    monkeypatch.setattr(kernel_module, "PATIENCE_NS", 100 * MS)
+    host.say({"op": "attach", "name": "engine"})
+    tick = host.hear()["tick"]
+    cell.wire.opened()
+    host.say({"tock": tick, "wires": {"probe": 12}})
+    later = host.hear()["tick"]
+    assert later > tick
+    cell.wire.read(12)
+    host.say({"tock": later, "wires": {"probe": 12}})
+    assert host.hear()["tick"] > later
 
 
 def test_time_does_not_wait_for_bytes_of_a_host_that_was_hung_up_on(cell, host):

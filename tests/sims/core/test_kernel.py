@@ -121,6 +121,25 @@ def test_a_silent_peer_is_given_up_though_another_talks_on(lockstep, peer, monke
     theirs.close()
 
 
+def test_after_a_stall_of_the_whole_computer_a_peer_still_has_its_time_to_answer(lockstep, monkeypatch):
+    wall, select, stalls = time.monotonic_ns, lockstep._selector.select, [0]
+
+    def stalled(wait_s):
+        ready = select(min(wait_s, 0.01))
+        if lockstep.holders() and not stalls[-1]:
+            stalls.append(3 * kernel_module.PATIENCE_NS)
+        return ready
+
+    monkeypatch.setattr(lockstep._selector, "select", stalled)
+    monkeypatch.setattr(kernel_module.time, "monotonic_ns", lambda: wall() + stalls[-1])
+    seen = []
+    lockstep.at(MS, lambda: lockstep.every_half_second(lockstep.hold("host").release))
+    lockstep.at(2 * MS, lambda: (seen.append(lockstep.is_dead("host")), lockstep.stop()))
+    lockstep.run()
+    assert stalls[-1]
+    assert seen == [False]
+
+
 def test_in_real_time_nothing_holds():
     kernel = Kernel("realtime")
     assert not kernel.hold("host").active
