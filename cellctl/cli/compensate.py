@@ -77,8 +77,7 @@ def compensate(
     from cellctl.files import write_atomically
     from cellctl.formats import DataSet, ModelFile
     from cellctl.formats.targets import read_targets
-    from cellctl.operations.compensating import CellRobot, compensate_targets, refuse_other_cell
-    from cellctl.operations.learnt_on import learnt_on
+    from cellctl.operations.compensating import CellRobot, compensate_targets, learnt_on, refuse_other_cell
 
     options = ProgramOptions(config, tool, base, path_tolerance, insert, arm_only)
     if targets.suffix.lower() in (".src", ".sub", ".dat"):

@@ -29,8 +29,7 @@ def compensate_program(
     from cellctl.files import write_atomically
     from cellctl.formats import ModelFile
     from cellctl.operations.compensating import CellRobot
-    from cellctl.operations.program_compensation import compensate_files, refuse_method
-    from cellctl.operations.program_files import ProgramFiles, is_new_folder
+    from cellctl.operations.program_compensation import ProgramFiles, compensate_files, is_new_folder, refuse_method
 
     refuse_method(method)
     files = ProgramFiles.of(program, options.config)

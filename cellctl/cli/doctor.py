@@ -30,8 +30,8 @@ def doctor(cell: arguments.Cell, seed: arguments.Seed = None, json_: arguments.J
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.devices.cell import Cell
     from cellctl.devices.registry import DriverRegistry
+    from cellctl.operations.cell_devices import require_cells
     from cellctl.operations.doctor import examine
-    from cellctl.operations.system import require_cells
 
     refuse_outputs({"--json": json_}, [cell])
     require_cells()

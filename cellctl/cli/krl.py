@@ -36,7 +36,7 @@ def krl(
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.devices.cell import Cell
     from cellctl.devices.registry import DriverRegistry
-    from cellctl.operations.controller_files import as_loaded, require_files, send_files
+    from cellctl.operations.cell_devices import as_loaded, require_files, send_files
 
     refuse_outputs({"--json": json_}, [cell])
     drivers = DriverRegistry()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from cellctl.formats import ModelFile
     from cellctl.formats.targets import Targets
-    from cellctl.operations.comparing_methods import Accuracy, MethodFigures
+    from cellctl.operations.compensating import Accuracy, MethodFigures
 
 _WIDTH = 120
 _SHOWN_PASSES = 5
@@ -23,7 +23,7 @@ _SHOWN_PASSES = 5
 
 def compare(model: ModelFile, wanted: Targets, file: str, correction_deg: float, json_: str | None) -> None:
     """Print every method's figures on the targets `wanted`, of `file`, or write them as JSON."""
-    from cellctl.operations.comparing_methods import compare_methods
+    from cellctl.operations.compensating import compare_methods
 
     found = compare_methods(model, wanted, file, correction_deg)
     if json_ != "-":

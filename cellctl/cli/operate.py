@@ -36,7 +36,7 @@ def status(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: argumen
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.engine.status import status_of
     from cellctl.journal import fold, read_journal
-    from cellctl.operations.run_end import RunEnd
+    from cellctl.operations.run_list import RunEnd
     from cellctl.procedure import StepRegistry
 
     folder = _chosen(run, runs)
@@ -102,7 +102,7 @@ def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> N
 
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.engine import Operator
-    from cellctl.operations.acting import act
+    from cellctl.operations.run_control import act
 
     folder = _chosen(run, runs)
     refuse_outputs({"--json": json_}, [*folder.glob("*")])

@@ -45,9 +45,7 @@ def run(
     from cellctl.cli.progress import progress
     from cellctl.cli.run_end import exit_of, keep_json, report_of, show_end
     from cellctl.operations.campaign import load_campaign
-    from cellctl.operations.launch import Options
-    from cellctl.operations.parent import parent_of_run
-    from cellctl.operations.start import PreparedRun, new_run, run_to_resume
+    from cellctl.operations.launch import Options, PreparedRun, new_run, parent_of_run, run_to_resume
 
     to_stdout = json_ == "-"
     asking = ConfirmingAtTerminal if interactive() and not to_stdout else None

@@ -10,8 +10,8 @@ from cellctl.cli.outputs import write_json
 from cellctl.engine import AbortedByInterlock, Outcome, State
 from cellctl.files import InputError
 from cellctl.journal import JournalError, RunEnded, RunResult, fold, read_journal
-from cellctl.operations.results import table_line
-from cellctl.operations.run_end import RunEnd
+from cellctl.operations.run_folder import table_line
+from cellctl.operations.run_list import RunEnd
 
 
 def keep_json(result: RunResult, target: str | None, folder: Path) -> None:

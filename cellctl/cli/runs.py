@@ -66,7 +66,7 @@ def show(
     """
     from cellctl.cli.outputs import refuse_outputs, write_json
     from cellctl.journal import fold, read_journal, run_place
-    from cellctl.operations.run_summary import run_summary
+    from cellctl.operations.run_list import run_summary
 
     place = run_place(run, folder)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])

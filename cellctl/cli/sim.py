@@ -26,8 +26,7 @@ def sim(
     from cellctl.devices.cell import Cell
     from cellctl.devices.registry import DriverRegistry
     from cellctl.files import InputError
-    from cellctl.operations.simulated import simulator_command
-    from cellctl.operations.system import require_cells
+    from cellctl.operations.cell_devices import require_cells, simulator_command
 
     refuse_outputs({"--ready": ready}, [cell])
     require_cells()

@@ -16,7 +16,7 @@ from cellctl.cli.table_options import Runs, State, recorded, show_result
 
 if TYPE_CHECKING:
     from cellctl.devices import TableStore
-    from cellctl.operations.table_cell import TableCell
+    from cellctl.operations.table import TableCell
 
 app = typer.Typer(no_args_is_help=True, help="Push, show, verify, compare or roll back a compensation table.")
 
@@ -41,7 +41,7 @@ def push(
     """
     from cellctl.cli.table_words import in_force_words
     from cellctl.formats import TableFile
-    from cellctl.operations.table_cell import TableCell, push_checked
+    from cellctl.operations.table import TableCell, push_checked
 
     refuse_outputs({"--json": json_}, [table, cell, state])
     file = TableFile.load(table)
@@ -75,7 +75,7 @@ def show(
     Example: cellctl table show table.json
     """
     from cellctl.cli.table_words import state_words, table_words
-    from cellctl.operations.table_cell import TableCell, state_of
+    from cellctl.operations.table import TableCell, state_of
     from cellctl.operations.table_history import table_named
 
     _one_of(table, cell)
@@ -108,8 +108,7 @@ def verify(
 
     Example: cellctl table verify table.json --cell sphere_cell
     """
-    from cellctl.operations.table import controller_table, differences
-    from cellctl.operations.table_cell import TableCell
+    from cellctl.operations.table import TableCell, controller_table, differences
     from cellctl.operations.table_history import table_named
 
     refuse_outputs({"--json": json_}, [table, cell, state])
@@ -151,8 +150,7 @@ def rollback(
     Example: cellctl table rollback --cell sphere_cell --to 9856401189b3
     """
     from cellctl.cli.table_words import in_force_words, state_words
-    from cellctl.operations.table import roll_back
-    from cellctl.operations.table_cell import TableCell, push_recorded, state_of
+    from cellctl.operations.table import TableCell, push_recorded, roll_back, state_of
 
     refuse_outputs({"--json": json_}, [cell, state])
     place = TableCell.load(cell, seed, state)

@@ -11,7 +11,7 @@ from cellctl.cli import arguments
 from cellctl.cli.table_options import Runs, State, show_result
 
 if TYPE_CHECKING:
-    from cellctl.operations.table_cell import TableCell
+    from cellctl.operations.table import TableCell
     from cellctl.operations.table_diff import ComparedTable, TableDifference
 
 _ACTIVE = "active"
@@ -41,7 +41,7 @@ def diff(
     from cellctl.cli.ends import Exit
     from cellctl.cli.outputs import refuse_outputs
     from cellctl.formats import RobotFile
-    from cellctl.operations.table_cell import TableCell
+    from cellctl.operations.table import TableCell
     from cellctl.operations.table_diff import table_difference
 
     refuse_outputs({"--json": json_}, [a, b, cell, robot, state])

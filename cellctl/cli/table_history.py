@@ -11,8 +11,7 @@ from cellctl.cli import arguments
 from cellctl.cli.table_options import Runs, State
 
 if TYPE_CHECKING:
-    from cellctl.operations.table_changes import Entry
-    from cellctl.operations.table_history import TableHistory
+    from cellctl.operations.table_history import Entry, TableHistory
 
 _WIDTH = 150
 _COLUMNS = ("since", "until", "table", "change, by whom", "rows, correction", "made by", "state")
@@ -53,7 +52,7 @@ def history(
 def _reported(cell: Path, serial: str | None, seed: int | None, state: Path | None) -> dict[str, Any]:
     """The serial and the tables that the cell's controller reports. Raises InputError if it is not `serial`."""
     from cellctl.files import InputError, Problem
-    from cellctl.operations.table_cell import TableCell
+    from cellctl.operations.table import TableCell
 
     async def work(store: Any, identity: Any) -> dict[str, Any]:
         return {"serial": identity.serial, "state": await store.table_state()}
@@ -70,8 +69,8 @@ def _reported(cell: Path, serial: str | None, seed: int | None, state: Path | No
 
 def _one(history: TableHistory, reported: dict[str, Any] | None, *, quiet: bool) -> dict[str, Any]:
     """Show the history of one controller; its JSON."""
-    from cellctl.operations.table_cell import state_of
-    from cellctl.operations.table_changes import difference_from_controller
+    from cellctl.operations.table import state_of
+    from cellctl.operations.table_history import difference_from_controller
 
     entries, problems = history.read()
     difference = difference_from_controller(entries, reported["state"]) if reported else ""
@@ -121,7 +120,7 @@ def _show(history: TableHistory, entries: list[Entry]) -> None:
 
 
 def _cells(entry: Entry) -> list[str]:
-    from cellctl.operations.table_changes import short
+    from cellctl.operations.table_history import short
 
     begin, facts = entry.begin, entry.begin.facts
     by = f"run {begin.run}, {begin.who}" if begin.run else begin.who

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from cellctl.operations.table_recording import TableRecorder
+    from cellctl.operations.table import TableRecorder
 
 State = Annotated[Path | None, typer.Option(help="File that keeps a simulated cell's state between calls.")]
 Runs = Annotated[Path, typer.Option("--runs", help="Folder of the runs; the history of tables is in it.")]
@@ -19,8 +19,8 @@ Runs = Annotated[Path, typer.Option("--runs", help="Folder of the runs; the hist
 @contextmanager
 def recorded(runs: Path, serial: str) -> Iterator[TableRecorder]:
     """Records changes of controller `serial`; a history that cannot be written is reported on stderr."""
+    from cellctl.operations.table import TableRecorder
     from cellctl.operations.table_history import TableHistory
-    from cellctl.operations.table_recording import TableRecorder
 
     recorder = TableRecorder(TableHistory(runs, serial))
     try:

@@ -11,7 +11,7 @@ from cellctl.console.look import COLOURS
 
 if TYPE_CHECKING:
     from cellctl.metrology import ControlChart
-    from cellctl.operations.parameter_drift import ParameterSeries
+    from cellctl.operations.comparing_runs import ParameterSeries
 
 _BLUE, _RED, _GREY = COLOURS["working"], COLOURS["bad"], COLOURS["off"]
 _GRID = {"left": 58, "right": 14, "top": 10, "bottom": 24}

@@ -19,13 +19,11 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import ActionName, Operator
 from cellctl.files import InputError, Problem
 from cellctl.journal import OperatorAction, writer_of
-from cellctl.operations.acting import act
 from cellctl.operations.cell_state import examine_cell
-from cellctl.operations.detached import RunOrder, resume_detached, start_detached
 from cellctl.operations.export import Form
 from cellctl.operations.failure import Failure
-from cellctl.operations.results import SIMULATOR_MEMORY
-from cellctl.operations.run_files import run_named
+from cellctl.operations.run_control import RunOrder, act, resume_detached, start_detached
+from cellctl.operations.run_folder import SIMULATOR_MEMORY, run_named
 from cellctl.operations.run_list import RunRow, run_rows
 from cellctl.operations.shipped import shipped_file
 from cellctl.operations.table_actions import Action, TableRequest, refuse_confirmation

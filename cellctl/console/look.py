@@ -11,8 +11,7 @@ from nicegui import ui
 
 from cellctl.console.live import Snapshot
 from cellctl.files import Problem
-from cellctl.operations.run_end import RunEnd
-from cellctl.operations.run_list import RunRow
+from cellctl.operations.run_list import RunEnd, RunRow
 
 State = Literal["good", "working", "waiting", "warning", "bad", "off", "unknown"]
 

@@ -125,7 +125,7 @@ class Model:
         Arguments and errors as in `compensate`.
         """
         from cellctl.facade.targets import asked_targets
-        from cellctl.operations.comparing_methods import compare_methods
+        from cellctl.operations.compensating import compare_methods
 
         asked = asked_targets(self.file, self.path, targets, postures, cell)
         return [each.dump() for each in compare_methods(asked.model, asked.wanted, asked.file, asked.limit_deg)]

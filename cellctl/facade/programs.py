@@ -10,8 +10,14 @@ from typing import Any, Self, final
 
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import ModelFile
-from cellctl.operations.program_compensation import CompensatedFiles, ProgramOptions, compensate_files, refuse_method
-from cellctl.operations.program_files import ProgramFiles, is_new_folder
+from cellctl.operations.program_compensation import (
+    CompensatedFiles,
+    ProgramFiles,
+    ProgramOptions,
+    compensate_files,
+    is_new_folder,
+    refuse_method,
+)
 
 
 @final

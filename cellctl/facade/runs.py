@@ -104,7 +104,7 @@ def open_run(run: str | Path, runs: str | Path = "runs") -> Run:
     journal cannot be read.
     """
     from cellctl.journal import fold
-    from cellctl.operations.run_summary import run_summary
+    from cellctl.operations.run_list import run_summary
     from cellctl.report import Run as Content
 
     place = run_place(Path(run), Path(runs))

@@ -72,7 +72,7 @@ class Compensation:
         has no joints, as `cellctl compensate` does.
         """
         from cellctl.clock import calendar_time
-        from cellctl.operations.learnt_on import learnt_on
+        from cellctl.operations.compensating import learnt_on
 
         learnt = learnt_on(self.asked.path, self.asked.model, serial)
         return self.asked.all_of_them().table(learnt, calendar_time())

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import chdir, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self, final
+from typing import Any, Literal, Self, TypeAlias, final
 
 from cellctl.calibration.estimation.progress import Progress, part_of, silent
 from cellctl.clock import calendar_time
@@ -17,8 +17,36 @@ from cellctl.files import InputError, Problem, write_atomically
 from cellctl.journal.journal_file import WriterLock, lock_holder
 from cellctl.operations.failure import ABORTED, MEANINGS, Failure
 from cellctl.operations.fit_options import Asked, Judging
-from cellctl.operations.uploaded_files import URDF_SUFFIX
 from cellctl.robots import library, near
+
+Role: TypeAlias = Literal["data", "positions", "robot", "artefact"]
+
+_YAML = (".yaml", ".yml")
+URDF_SUFFIX = ".urdf"
+_ROBOT = re.compile(r"^(convention|joints|links|screws)\s*:", re.MULTILINE)
+_JOINTS = re.compile(r"\b[AJq]_?1\b")
+_CURE = "one data file, with it at most: a table of positions, a robot file, an artefact file"
+
+
+def roles(heads: Mapping[str, str]) -> dict[Role, str]:
+    """The file of each role; heads: the beginning of each file, by its name. Raises InputError for other sets."""
+    found: dict[Role, str] = {}
+    tables = [name for name in heads if not name.lower().endswith((*_YAML, URDF_SUFFIX))]
+    for name in heads.keys() - set(tables):
+        role: Role = "robot" if name.lower().endswith(URDF_SUFFIX) or _ROBOT.search(heads[name]) else "artefact"
+        if role in found:
+            raise InputError(Problem(name, 0, 0, f"there are two {role} files: {found[role]} too", _CURE))
+        found[role] = name
+    if not tables:
+        raise InputError(Problem(", ".join(heads), 0, 0, "there is no data file", _CURE))
+    if len(tables) > 2:
+        raise InputError(Problem(", ".join(tables), 0, 0, "are more than two data files", _CURE))
+    tables.sort(key=lambda name: _JOINTS.search(heads[name]) is None)
+    found["data"] = tables[0]
+    if len(tables) == 2:
+        found["positions"] = tables[1]
+    return found
+
 
 FOLDER = "analyses"
 EXAMPLE = Path(__file__).parent / "simulated_kr5_r1400.csv"
@@ -201,7 +229,7 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
     cannot be read.
     """
     from cellctl.formats import RobotFile, load_artefact
-    from cellctl.operations.robot_suggestion import doubt_of, suggest_robots
+    from cellctl.operations.robot_library import doubt_of, suggest_robots
     from cellctl.operations.understanding import read_data, understand
 
     with inside(folder):

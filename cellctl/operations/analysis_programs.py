@@ -77,8 +77,7 @@ def _parts(request: ProgramRequest) -> tuple[Path | None, Path]:
 
 
 def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest, out: Path) -> dict[str, Any]:
-    from cellctl.operations.program_compensation import ProgramOptions, compensate_files
-    from cellctl.operations.program_files import ProgramFiles
+    from cellctl.operations.program_compensation import ProgramFiles, ProgramOptions, compensate_files
 
     files = ProgramFiles.of(src, config)
     options = ProgramOptions(config, request.tool or None, request.base or None, None, request.insert, request.arm_only)

@@ -12,8 +12,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
-from cellctl.operations.simulated import simulation_errors
-from cellctl.operations.system import require_cells
+from cellctl.operations.cell_devices import require_cells, simulation_errors
 from cellctl.procedure import (
     CellFiles,
     DeviceConditions,

@@ -16,7 +16,7 @@ from cellctl.devices.cell import Cell
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME
-from cellctl.operations.own_process import json_of_verb
+from cellctl.operations.checking import json_of_verb
 
 DeviceWord = Literal["in order", "failed", "not known"]
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, final
+from typing import Any, Literal, final
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem, load_yaml
-from cellctl.operations.own_process import json_of_verb
 from cellctl.operations.shipped import shipped_names
 from cellctl.procedure import (
     Confirm,
@@ -25,6 +27,31 @@ from cellctl.procedure import (
     walk,
 )
 from cellctl.procedure.check import lacking
+
+
+async def json_of_verb(verb: str, words: Sequence[str]) -> tuple[dict[str, Any] | None, str]:
+    """The JSON that `cellctl VERB WORDS` prints (None: it prints none), and its messages on stderr.
+
+    words: `--json=-` among them. If this call is cancelled, the process is ended.
+    """
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-P", "-m", "cellctl", verb, *words),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        out, errors = await process.communicate()
+    except asyncio.CancelledError:
+        process.terminate()
+        await process.wait()
+        raise
+    said = errors.decode(errors="replace").strip().removeprefix("cellctl: ")
+    try:
+        return json.loads(out), said
+    except ValueError:
+        return None, said
+
 
 _OWN_FOLDERS = (".", "procedures", "cells")
 """Folders below the working folder in which a user's own procedures and cells are found."""

@@ -1,4 +1,4 @@
-"""The difference of two identified models of one nominal robot, parameter by parameter and at the TCP.
+"""The difference of two identified models of one nominal robot: each parameter, the TCP, and whether it is above σ.
 
 Both fits start from the same prior, so their results are not independent: a parameter that no row determines is the
 same in both, with the σ of its prior. For true deviations θ ~ N(0, P) a fit's result is m = θ − S θ + noise, with
@@ -20,11 +20,38 @@ import numpy as np
 
 from cellctl.formats import ModelFile
 from cellctl.formats.model import Parameter
-from cellctl.operations.significance import ComparedNumber
 
 if TYPE_CHECKING:
     from cellctl.calibration import RobotModel
     from cellctl.kinematics import Bools, Floats
+
+_COVERAGE = 2.0
+"""Coverage factor k: a change above k σ is called significant; without a change 4.6 % are."""
+
+
+def significant(change: float | None, sigma: float | None) -> bool | None:
+    """Whether a change is above 2 σ; None where change or σ is not known."""
+    return None if change is None or sigma is None else abs(change) > _COVERAGE * sigma
+
+
+class ComparedNumber:
+    """A number of a and of b, None where one has none, and 1 σ of their difference, None where it is not known."""
+
+    __slots__ = ()
+    a: float | None
+    b: float | None
+    sigma: float | None
+
+    @property
+    def difference(self) -> float | None:
+        """b less a."""
+        return None if self.a is None or self.b is None else self.b - self.a
+
+    @property
+    def significant(self) -> bool | None:
+        """Whether the difference is above 2 σ; None without σ."""
+        return significant(self.difference, self.sigma)
+
 
 _LEVEL = 0.05
 """Models differ if the p-value is below it."""

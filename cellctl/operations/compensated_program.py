@@ -15,10 +15,8 @@ from cellctl.kinematics import Floats, abc_from_rotation, inverse, inverse_pose,
 from cellctl.kinematics.controller_readings import status_of, turn_of
 from cellctl.krl import CARTESIAN, Span
 from cellctl.krl.writing import number_text
-from cellctl.operations.program_goals import Goal, Key, ProgramGoals
-from cellctl.operations.program_motions import Program
-from cellctl.operations.program_points import Part, Written
-from cellctl.operations.program_robots import ProgramRobots
+from cellctl.operations.program_goals import Goal, Key, ProgramGoals, ProgramRobots
+from cellctl.operations.program_motions import Part, Program, Written
 
 
 @final

@@ -1,13 +1,13 @@
-"""Compensates targets with an identified model, and refuses those for which no joints may be given."""
+"""Compensates targets with an identified model of a known controller, and compares the methods on one model."""
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, final
+from typing import TYPE_CHECKING, Any, Self, final
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
@@ -15,12 +15,82 @@ from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile, RobotFile, TableFile
 from cellctl.formats.table import Row, other_robot, row_problems
 from cellctl.formats.table_export import compensated_csv
-from cellctl.formats.table_making import compensated_targets, table_of, target_rows, usual_postures, valid_region
+from cellctl.formats.table_making import (
+    compensated_targets,
+    mean_rms_max,
+    table_of,
+    target_rows,
+    usual_postures,
+    valid_region,
+)
 from cellctl.formats.targets import Targets
-from cellctl.operations.learnt_on import LearntOn
+from cellctl.journal import fold, read_journal
 
 if TYPE_CHECKING:
     from cellctl.compensation import Compensated, PredictedErrors
+    from cellctl.kinematics import Floats
+
+SIMULATED_SERIAL = "SIM-"
+"""Prefix of a simulated controller's serial (docs/reference/eki-channel.md)."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class LearntOn:
+    """The controller that a table is for, whether its model was identified on a simulator, and in which run."""
+
+    serial: str
+    simulated: bool
+    run: str | None
+
+
+def learnt_on(path: Path | None, model: ModelFile, serial: str | None) -> LearntOn:
+    """The controller of the model in file `path` (None: it is in no file): from its provenance, else the journal in its
+    folder, else `serial`.
+
+    Raises InputError if none of these states it, or if `serial` differs from the model's controller: a model is valid
+    only for the robot, or simulator, on which it was identified.
+    """
+    if serial is not None and not serial.strip():
+        raise InputError(Problem("--serial", 0, 0, "is empty", "give the serial number that the controller shows"))
+    found = stated_on(path, model)
+    name = str(path or "the model")
+    if found is None and serial is None:
+        what = "does not say on whose controller it was learnt"
+        raise InputError(Problem(name, 0, 0, what, "give its serial with --serial"))
+    if found is None:
+        assert serial is not None
+        return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), None)
+    if serial is not None and serial != found.serial:
+        what = f"'{serial}', but {name} was learnt on controller '{found.serial}'"
+        raise InputError(Problem("--serial", 0, 0, what, "leave --serial out, or give this robot's own model"))
+    return found
+
+
+def stated_on(path: Path | None, model: ModelFile) -> LearntOn | None:
+    """The controller that the model's provenance states, else the journal in its folder; None if neither does."""
+    return _by_provenance(model, path) or (_by_journal(path.parent) if path else None)
+
+
+def _by_provenance(model: ModelFile, path: Path | None) -> LearntOn | None:
+    serial = model.provenance.get("robot_serial")
+    if serial is None:
+        return None
+    run = model.provenance.get("run") or (_run_of(path.parent) if path else None)
+    return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), run)
+
+
+def _by_journal(folder: Path) -> LearntOn | None:
+    """The only device with axes of the run in `folder`; every step calls it robot."""
+    if not (folder / "journal.sqlite").exists():
+        return None
+    identity = fold(read_journal(folder)).identities.get("robot")
+    return LearntOn(str(identity["serial"]), bool(identity["simulated"]), _run_of(folder)) if identity else None
+
+
+def _run_of(folder: Path) -> str | None:
+    return folder.resolve().name if (folder / "journal.sqlite").exists() else None
+
 
 OUT_OF_REACH = "the target is out of the robot's reach within the measured joints"
 
@@ -189,3 +259,86 @@ def refuse_other_cell(model: ModelFile, file: str, cell: CellRobot) -> None:
 def _kinematics(robot: RobotFile) -> object:
     joints = [(joint.sign, joint.offset) for joint in robot.joints]
     return robot.convention, robot.links, robot.screws, robot.home, joints, robot.mounting
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """Predicted distances (mm) and angles (deg) from the targets: mean, RMS, max."""
+
+    position_mm: dict[str, float]
+    orientation_deg: dict[str, float]
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class MethodFigures:
+    """One method on all targets.
+
+    targets, reached: their counts; unreached: line and reason of each of the others. before, one_pass, iterated: at the
+    nominal joints, after one pass, and repeated to the tolerance, over the targets that are reached; None where none
+    is. per_pass_mm: mean error before the first pass and after each. position_only: the orientation is not compensated.
+    repeats: whether a further pass changes anything. seconds_per_target: to find the joints, with the inverse.
+    """
+
+    method: str
+    targets: int
+    reached: int
+    unreached: list[tuple[int, str]]
+    before: Accuracy | None
+    one_pass: Accuracy | None
+    iterated: Accuracy | None
+    per_pass_mm: list[float]
+    position_only: bool
+    repeats: bool
+    seconds_per_target: float
+
+    def dump(self) -> dict[str, Any]:
+        """As JSON."""
+        unreached = [{"line": line, "reason": reason} for line, reason in self.unreached]
+        return {**asdict(self), "unreached": unreached}
+
+
+def compare_methods(model: ModelFile, wanted: Targets, file: str, correction_deg: float) -> list[MethodFigures]:
+    """Every method on the targets `wanted`, of `file`; correction_deg: the largest correction of a joint.
+
+    Raises InputError for a model that cannot predict a target without further data.
+    """
+    from cellctl.compensation import METHODS
+
+    refuse_model(model, file)
+    return [_figures(model, wanted, method, correction_deg) for method in METHODS]
+
+
+def _figures(model: ModelFile, wanted: Targets, method: str, correction_deg: float) -> MethodFigures:
+    import numpy as np
+
+    from cellctl.compensation import METHODS
+
+    once = try_targets(model, wanted, method=method, passes=1, correction_deg=correction_deg)
+    tried = try_targets(model, wanted, method=method, correction_deg=correction_deg)
+    good = np.array([not reasons for reasons in tried.reasons])
+    rows, after_one = good & np.array([not reasons for reasons in once.reasons]), _last(once)
+    per_pass = tried.found.error_mm[:, good]
+    return MethodFigures(
+        method=method,
+        targets=len(good),
+        reached=int(good.sum()),
+        unreached=tried.refused(),
+        before=_accuracy(tried.found.error_mm[0][good], tried.found.error_deg[0][good]),
+        one_pass=_accuracy(*(each[rows] for each in after_one)),
+        iterated=_accuracy(*(each[good] for each in _last(tried))),
+        per_pass_mm=per_pass.mean(axis=1).tolist() if good.any() else [],
+        position_only=tried.found.position_only,
+        repeats=METHODS[method].write_back is None,
+        seconds_per_target=tried.seconds / max(len(good), 1),
+    )
+
+
+def _last(tried: Tried) -> tuple[Floats, Floats]:
+    """Distance and angle (N,) after the last pass."""
+    return tried.found.error_mm[-1], tried.found.error_deg[-1]
+
+
+def _accuracy(millimetres: Floats, degrees: Floats) -> Accuracy | None:
+    return Accuracy(mean_rms_max(millimetres), mean_rms_max(degrees)) if len(millimetres) else None

@@ -12,8 +12,7 @@ from cellctl.clock import Clock
 from cellctl.devices import CellIO, Device, DeviceError, DeviceUnreachable, Health, Identity
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
-from cellctl.operations.connected import open_devices, powered, tell_targets
-from cellctl.operations.device_locks import DeviceLocks
+from cellctl.operations.cell_devices import DeviceLocks, open_devices, powered, tell_targets
 
 _ANSWER_S = 30.0
 """Longest wait for one device, in the cell's time."""

@@ -9,15 +9,71 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from cellctl.files import InputError, Problem
+from cellctl.krl import KrlFile
 
 if TYPE_CHECKING:
     from cellctl.formats import ModelFile
     from cellctl.operations.compensated_program import CompensatedProgram
     from cellctl.operations.compensating import CellRobot
-    from cellctl.operations.program_files import ProgramFiles
-    from cellctl.operations.program_motions import Kind, Program
+    from cellctl.operations.program_motions import Kind, Part, Program
     from cellctl.operations.program_paths import Path as ProgramPath
-    from cellctl.operations.program_points import Part
+
+
+@final
+@dataclass(frozen=True)
+class ProgramFiles:
+    """src: the program. dat: its data list, None where there is none beside it. config: None where it is not given."""
+
+    src: Path
+    dat: Path | None
+    config: Path | None
+
+    @classmethod
+    def of(cls, src: Path, config: Path | None) -> ProgramFiles:
+        """The data list is the file beside `src` with the same name and the suffix .dat, in any case. Raises InputError
+        where `src` is not a program, or a file is not there.
+        """
+        if src.suffix.lower() != ".src":
+            raise InputError(Problem(str(src), 0, 0, "is not a KRL program", "give the .src; its .dat is read too"))
+        missing = [path for path in (src, config) if path is not None and not path.is_file()]
+        if missing:
+            raise InputError(Problem(str(path), 0, 0, "there is no such file") for path in missing)
+        wanted = f"{src.stem}.dat".lower()
+        beside = sorted(path for path in src.parent.iterdir() if path.name.lower() == wanted and path.is_file())
+        if len(beside) > 1:
+            names = ", ".join(path.name for path in beside)
+            raise InputError(Problem(str(src), 0, 0, f"has several data lists: {names}", "leave one"))
+        return cls(src, beside[0] if beside else None, config)
+
+    @property
+    def read(self) -> list[Path]:
+        """All files that are read."""
+        return [path for path in (self.src, self.dat, self.config) if path]
+
+    def load(self) -> tuple[KrlFile, KrlFile | None, KrlFile | None]:
+        """Program, data list and `$config.dat`. Raises OSError."""
+        src, *others = (KrlFile.load(path) if path else None for path in (self.src, self.dat, self.config))
+        assert src is not None
+        return src, others[0], others[1]
+
+    def outputs(self, out: Path) -> dict[str, Path]:
+        """Where the changed files go, by part: into the folder `out`, or to the program `out` and its data list.
+
+        A folder need not be there yet (`is_new_folder`). Raises InputError where `out` is neither.
+        """
+        if out.is_dir() or is_new_folder(out):
+            paths = {"src": out / self.src.name, "dat": out / (self.dat or self.src).name}
+        elif out.suffix.lower() == ".src":
+            paths = {"src": out, "dat": out.with_suffix(self.dat.suffix if self.dat else ".dat")}
+        else:
+            raise InputError(Problem("--out", 0, 0, f"{out} is neither a folder nor a .src file", "give one of these"))
+        return paths if self.dat else {"src": paths["src"]}
+
+
+def is_new_folder(out: Path) -> bool:
+    """Whether `out` names a folder that is not there yet, in one that is."""
+    return not out.suffix and not out.exists() and out.parent.is_dir()
+
 
 DEFAULT_TOLERANCE_MM = 0.05
 
@@ -58,7 +114,7 @@ class CompensatedFiles:
 
     def texts(self) -> dict[Part, bytes]:
         """The content of the changed files."""
-        from cellctl.operations.program_text import program_text
+        from cellctl.operations.program_paths import program_text
 
         return program_text(self.program, self.paths)
 
@@ -93,8 +149,8 @@ def _compensated(
     from cellctl.devices.cell import TABLE_CORRECTION_DEG
     from cellctl.operations.compensated_program import compensate_program as compensated
     from cellctl.operations.compensating import refuse_model, refuse_other_cell
+    from cellctl.operations.program_goals import ProgramRobots
     from cellctl.operations.program_motions import Program
-    from cellctl.operations.program_robots import ProgramRobots
 
     tool, base = (_frame(name, getattr(options, name)) for name in ("tool", "base"))
     refuse_model(identified, str(files.src))

@@ -1,4 +1,8 @@
-"""Where the tool shall be at each point of a program, and in which posture: goals for the compensation.
+"""Where the tool shall be at each point of a program, and in which posture: goals for nominal and identified robot.
+
+Both are in the robot's base frame (ROBROOT), where a program's poses are: the identified base is put on it, so that no
+instrument's frame is left. The tool of a point is the controller's data for it. The identified robot carries the tool
+that the model identified, if the program's tool data are the model's; with `arm_only` it carries the program's.
 
 All poses are in the robot's base frame (ROBROOT), mm.
 """
@@ -6,21 +10,90 @@ All poses are in the robot's base frame (ROBROOT), mm.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TypeAlias, final
 
 import numpy as np
 
+from cellctl.calibration import RobotModel
 from cellctl.compensation.paths import Arc, Line, Segment, posture_at
 from cellctl.compensation.postures import stated_posture
+from cellctl.formats import ModelFile
 from cellctl.formats.table_making import valid_region
-from cellctl.kinematics import Floats, JointMap, inverse, pose_from_xyz_abc
+from cellctl.kinematics import Floats, JointMap, SerialChain, inverse, pose_from_xyz_abc, rotation_vector
 from cellctl.kinematics.controller_readings import status_of
 from cellctl.krl import CARTESIAN, Span
-from cellctl.operations.program_motions import Frame, Move, Program
-from cellctl.operations.program_points import Part, Written
-from cellctl.operations.program_robots import ProgramRobots, Robots
+from cellctl.operations.program_motions import Frame, Move, Numbers, Part, Program, Written
+
+SAME_TOOL_MM, SAME_TOOL_DEG = 0.01, 0.01
+"""Largest difference of two statements of one tool: files round."""
+
+IDENTIFIED_TOOL_MM, IDENTIFIED_TOOL_DEG = 10.0, 3.0
+"""A fit's tool that is further from the robot file's is another thing: a reflector, for instance."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Robots:
+    """nominal: as its controller has it, with the tool data of the point. identified: with the tool that it carries."""
+
+    nominal: SerialChain
+    identified: RobotModel
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ProgramRobots:
+    """The robots of a model by the tool of a point."""
+
+    model: ModelFile
+    arm_only: bool = False
+    _known: dict[Frame, Robots | str] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def tool_shift_mm(self) -> float:
+        """Distance of the identified tool from the robot file's, in the flange frame."""
+        return _apart(self.model.robot_model().chain.tool_now, self.model.robot.chain().tool)[0]
+
+    def of(self, tool: Frame) -> Robots | str:
+        """The robots for points with `tool`, or why its points cannot be compensated; made once for each tool."""
+        if tool not in self._known:
+            self._known[tool] = self._made(tool)
+        return self._known[tool]
+
+    def _made(self, tool: Frame) -> Robots | str:
+        assert tool.numbers is not None
+        taught, robot = _pose_of_numbers(tool.numbers), self.model.robot.chain().with_base(np.eye(4))
+        found = self.model.robot_model()
+        if self.arm_only:
+            return Robots(robot.with_tool(taught), found.on(np.eye(4), taught))
+        reason = _other_tool(tool, taught, robot.tool, found.chain.tool_now)
+        identified = replace(found, chain=found.chain.with_base(np.eye(4)))
+        return reason or Robots(robot.with_tool(taught), identified)
+
+
+def _other_tool(tool: Frame, taught: Floats, in_file: Floats, identified: Floats) -> str:
+    away, turned = _apart(taught, in_file)
+    if away > SAME_TOOL_MM or turned > SAME_TOOL_DEG:
+        what = f"wrong tool: {tool.name} is {away:.2f} mm and {turned:.2f}° from the tool of the model's robot file"
+        return f"{what}; the tool was changed after the model, or is another one (--arm-only corrects the arm alone)"
+    away, turned = _apart(identified, in_file)
+    if away > IDENTIFIED_TOOL_MM or turned > IDENTIFIED_TOOL_DEG:
+        what = f"wrong tool: the model was identified with a tool {away:.0f} mm and {turned:.0f}° from {tool.name}"
+        return f"{what}, perhaps a reflector (--arm-only corrects the arm alone)"
+    return ""
+
+
+def _apart(one: Floats, other: Floats) -> tuple[float, float]:
+    """Distance, mm, and angle, deg, of two poses."""
+    turn = rotation_vector(one[:3, :3] @ other[:3, :3].T)
+    return float(np.linalg.norm(one[:3, 3] - other[:3, 3])), float(np.rad2deg(np.linalg.norm(turn)))
+
+
+def _pose_of_numbers(numbers: Numbers) -> Floats:
+    return pose_from_xyz_abc(numbers[:3], numbers[3:])
+
 
 Key: TypeAlias = tuple[Part, Span]
 
@@ -141,7 +214,7 @@ class ProgramGoals:
         assert move.target is not None
         assert move.base.numbers is not None
         base = pose_from_xyz_abc(move.base.numbers[:3], move.base.numbers[3:])
-        pose = base @ _pose(move.target)
+        pose = base @ _written_pose(move.target)
         try:
             segment = self._segment(move, pose, base)
         except ValueError as error:
@@ -170,7 +243,7 @@ class ProgramGoals:
         if move.kind != "CIRC" or move.auxiliary is None or not start:
             return None
         angle = None if move.angle_deg is None else float(np.deg2rad(move.angle_deg))
-        return Arc.of(start.pose, (base @ _pose(move.auxiliary))[:3, 3], pose, angle)
+        return Arc.of(start.pose, (base @ _written_pose(move.auxiliary))[:3, 3], pose, angle)
 
     def _posture(self, move: Move, finish: Floats, segment: Segment | None, robots: Robots) -> Floats | None:
         """Model angles at the end of a motion; None, and the point stays, where there are none."""
@@ -218,7 +291,7 @@ class ProgramGoals:
         if isinstance(arc, Arc):
             pose, q = arc.poses(arc.shares[:1])[0], self._on_the_way(move, arc, robots, arc.shares[0])
         else:
-            pose = base @ _pose(move.auxiliary)
+            pose = base @ _written_pose(move.auxiliary)
             found = inverse(robots.nominal, pose, end)
             q = found.q if found.converged else None
         if q is None:
@@ -261,6 +334,6 @@ class ProgramGoals:
         return self.model.robot.joint_map()
 
 
-def _pose(written: Written) -> Floats:
+def _written_pose(written: Written) -> Floats:
     values = [written.point.values[label] for label in CARTESIAN]
     return pose_from_xyz_abc(values[:3], values[3:])

@@ -66,7 +66,7 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
 
 def _another_robot(files: SetupFiles, measured: Measurements, fit: WideFit) -> list[Problem]:
     """The problem that the rows are of another robot than the file; none where they can be of this one."""
-    from cellctl.operations.robot_suggestion import nearer_robots
+    from cellctl.operations.robot_library import nearer_robots
 
     if not fit.unrelated and not fit.wrong_lengths:
         return []

@@ -1,20 +1,160 @@
-"""Activates a compensation table on a controller: the checks, the push, and the comparison of the active table.
+"""Puts a compensation table in force on a cell's controller: checks, push, read-back, rollback; records the change.
+
+The change itself matters more: if the history cannot be written, the change is made and the reason is kept.
 
 Commands and the steps of procedures push tables through this module alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+import asyncio
+import getpass
+import os
+import secrets
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, Self, TypeAlias, TypeVar, final
 
-from cellctl.devices import ControllerTable, DeviceFault, DeviceLost, Identity, TableRow, TableState, TableStore
-from cellctl.files import InputError, Problem
+from cellctl.clock import calendar_time
+from cellctl.devices import (
+    ControllerTable,
+    DeviceError,
+    DeviceFault,
+    DeviceLost,
+    DeviceRefused,
+    DeviceUncertain,
+    Identity,
+    LimitExceeded,
+    TableInfo,
+    TableRow,
+    TableState,
+    TableStore,
+)
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.files.writing import append_line
 from cellctl.formats import RobotFile, TableFile, table_problems
 from cellctl.formats.table import JOINT_DECIMALS
-from cellctl.operations.table_changes import Action
-from cellctl.operations.table_recording import TableRecorder
+from cellctl.operations.cell_devices import connected, require_cells
+from cellctl.operations.table_history import Action, Begin, End, Result, Seen, TableFacts, TableHistory, find_table
+from cellctl.procedure.check import missing_abilities
+
+
+@final
+@dataclass(slots=True)
+class Change:
+    """A change under way. activated: the controller has confirmed it."""
+
+    activated: bool = False
+
+
+@final
+class TableRecorder:
+    """Records the changes that this process makes on one controller.
+
+    run: the campaign that makes them, None: a command. who: the person, or person@host; empty: the user of this
+    process. failure: why the history could not be written; empty if it was.
+    """
+
+    def __init__(self, history: TableHistory, run: str | None = None, who: str = "") -> None:
+        self.history = history
+        self._run = run
+        self._who = who if "@" in who else user_here(who)
+        self.failure = ""
+
+    @contextmanager
+    def change(
+        self, action: Action, table: TableFile | str | None, replaced: str | None, reason: str = ""
+    ) -> Iterator[Change]:
+        """Record the begin, and the end by how this context ends; its errors pass through.
+
+        table: to be in force afterwards, a file or the id of one that the controller has; replaced: the id before it.
+        """
+        table_id, facts = self._kept(table)
+        name, change = secrets.token_hex(8), Change()
+        begin = Begin(
+            change=name,
+            time=calendar_time(),
+            serial=self.history.serial,
+            action=action,
+            who=self._who,
+            run=self._run,
+            table=table_id,
+            replaced=replaced,
+            reason=reason,
+            facts=facts,
+        )
+        self._append(begin)
+        try:
+            yield change
+        except BaseException as error:
+            self._end(name, _result(change, error), _words(error))
+            raise
+        self._end(name, "in force", "")
+
+    def seen(self, active: str | None) -> None:
+        """Record which table the controller reports, if the end of the last change is uncertain."""
+        with self._failures(self.history.file):
+            entries, _ = self.history.read()
+            if entries and entries[-1].result == "uncertain":
+                self._append(Seen(time=calendar_time(), active=active))
+
+    def _kept(self, table: TableFile | str | None) -> tuple[str | None, TableFacts | None]:
+        """The id and the facts of a table; the copy of a file is written."""
+        if not isinstance(table, TableFile):
+            return table, self.history.facts(table)
+        self._copy(table)
+        return table.id, TableFacts.of(table)
+
+    def _end(self, change: str, result: Result, reason: str) -> None:
+        self._append(End(change=change, time=calendar_time(), result=result, reason=reason))
+
+    def _append(self, line: Begin | End | Seen) -> None:
+        with self._failures(self.history.file):
+            self.history.folder.mkdir(parents=True, exist_ok=True)
+            append_line(self.history.file, line.model_dump_json())
+
+    def _copy(self, table: TableFile) -> None:
+        file, text = self.history.copy_of(table.id), table.text()
+        with self._failures(file):
+            self.history.folder.mkdir(parents=True, exist_ok=True)
+            if not file.exists() or file.read_bytes() != text.encode():
+                write_atomically(file, text)
+
+    @contextmanager
+    def _failures(self, file: Path) -> Iterator[None]:
+        """Keeps an OSError instead of raising it."""
+        try:
+            yield
+        except OSError as error:
+            cure = "free some space, or allow writing there; what happens on the controller does not depend on it"
+            self.failure = f"{file}: the history of tables was not written: {error.strerror or error}\n    {cure}"
+
+
+def user_here(name: str = "") -> str:
+    """name@host; default: the user of this process, or the number of a user without a name, as in containers."""
+    try:
+        name = name or getpass.getuser()
+    except (KeyError, OSError):
+        name = str(os.getuid())
+    return f"{name}@{socket.gethostname()}"
+
+
+def _words(error: BaseException) -> str:
+    return error.what if isinstance(error, DeviceError) else str(error) or f"interrupted ({type(error).__name__})"
+
+
+def _result(change: Change, error: BaseException) -> Result:
+    """Whether the new table is in force after `error`; a device that is lost before the activation kept the old one."""
+    certain = isinstance(error, DeviceLost | DeviceRefused | LimitExceeded) and not isinstance(error, DeviceUncertain)
+    if not certain:
+        return "uncertain"
+    return "in force" if change.activated else "not in force"
+
 
 _SHOWN = 5
 
@@ -132,3 +272,101 @@ def differences(wanted: ControllerTable, serial: str, found: ControllerTable | N
 def _digits(row: TableRow) -> tuple[str, ...]:
     """A row in wire format."""
     return tuple(f"{value + 0.0:.{JOINT_DECIMALS}f}" for value in (*row.nominal, *row.compensated))
+
+
+Answer = TypeVar("Result")
+
+
+@final
+@dataclass(frozen=True)
+class TableCell:
+    """A cell with one device that stores tables; seed and memory are for its simulators."""
+
+    cell: Cell
+    robot: RobotFile
+    drivers: DriverRegistry
+    device: str
+    seed: int | None
+    state: Path | None
+
+    @classmethod
+    def load(cls, path: Path, seed: int | None, state: Path | None) -> Self:
+        """Read and check the cell file; opens nothing. Raises InputError."""
+        require_cells()
+        drivers = DriverRegistry()
+        cell = Cell.load(path, drivers)
+        if state is not None and not cell.simulated:
+            raise InputError(
+                Problem("--state", 0, 0, "is a simulated cell's memory; this cell is real", "leave it out")
+            )
+        return cls(cell, RobotFile.load(cell.robot_file), drivers, _table_keeper(cell, drivers), seed, state)
+
+    def carry_out(self, work: Callable[[TableStore, Identity], Awaitable[Answer]]) -> Answer:
+        """The result of `work` on the connected device and its identity. Raises what it raises, and DeviceError."""
+
+        async def go() -> Answer:
+            async with self.connected() as (store, identity):
+                return await work(store, identity)
+
+        return asyncio.run(go())
+
+    @asynccontextmanager
+    async def connected(self) -> AsyncIterator[tuple[TableStore, Identity]]:
+        """The device, connected alone, and its identity."""
+        extra = ("--state", str(self.state)) if self.state else ()
+        async with connected(self.cell, self.drivers, [self.device], seed=self.seed, extra=extra) as devices:
+            found = devices[self.device]
+            yield found.device, found.identity
+
+
+async def push_checked(
+    store: TableStore,
+    identity: Identity,
+    table: TableFile,
+    file: Path,
+    place: TableCell,
+    recorder: TableRecorder,
+    action: Action = "push",
+) -> dict[str, Any]:
+    """Push `table`, of `file`, to the connected controller `identity`, and read it back after its activation.
+
+    Raises InputError with every reason against this controller (nothing is written then), DeviceError.
+    """
+    refuse_table(table, file, identity, place.robot, place.cell.table_correction_deg)
+    await push_verified(store, table, recorder, action)
+    done = {"pushed": True, "verified": True, "active": True, "recorded": not recorder.failure}
+    return {"id": table.id, "serial": identity.serial, "rows": len(table.rows), **done}
+
+
+async def push_recorded(
+    store: TableStore, identity: Identity, word: str, place: TableCell, recorder: TableRecorder
+) -> dict[str, Any]:
+    """`push_checked`, as a rollback, of the table in the recorder's history whose id begins with `word`.
+
+    Raises InputError if there is none or more than one, or its copy has changed; and what `push_checked` raises.
+    """
+    history, table_id = find_table(word, [recorder.history])
+    table = history.table(table_id)
+    return await push_checked(store, identity, table, history.copy_of(table_id), place, recorder, "rollback")
+
+
+def state_of(state: TableState) -> dict[str, Any]:
+    """The tables of a controller, as JSON."""
+    named = {"active": state.active, "previous": state.previous, "staged": state.staged}
+    return {name: _info(info) for name, info in named.items()}
+
+
+def _table_keeper(cell: Cell, drivers: DriverRegistry) -> str:
+    """The only device of the cell that stores tables. Raises InputError."""
+    kinds = {name: drivers.abilities(address.scheme) for name, address in cell.addresses.items()}
+    names = [name for name, kind in kinds.items() if not missing_abilities(kind, TableStore)]
+    if len(names) == 1:
+        return names[0]
+    what = (
+        "has no device that keeps tables" if not names else f"has more than one that keeps tables: {', '.join(names)}"
+    )
+    raise InputError(cell.document.problem((), what, "one robot whose driver can push tables"))
+
+
+def _info(info: TableInfo | None) -> dict[str, Any] | None:
+    return None if info is None else {"id": info.id, "rows": info.rows, "checksum": info.checksum}

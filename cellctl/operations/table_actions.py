@@ -16,12 +16,18 @@ from cellctl.devices import Identity, TableState, TableStore
 from cellctl.files import InputError, Problem
 from cellctl.formats import TableFile, table_problems
 from cellctl.operations.cell_state import run_on
-from cellctl.operations.table import active_id, controller_table, differences, roll_back
-from cellctl.operations.table_cell import TableCell, push_checked, state_of
-from cellctl.operations.table_changes import difference_from_controller, short
+from cellctl.operations.table import (
+    TableCell,
+    TableRecorder,
+    active_id,
+    controller_table,
+    differences,
+    push_checked,
+    roll_back,
+    state_of,
+)
 from cellctl.operations.table_diff import ComparedTable, table_difference
-from cellctl.operations.table_history import TableHistory
-from cellctl.operations.table_recording import TableRecorder
+from cellctl.operations.table_history import TableHistory, difference_from_controller, short
 
 if TYPE_CHECKING:
     from cellctl.operations.table_diff import TableDifference

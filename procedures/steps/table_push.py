@@ -11,9 +11,8 @@ from cellctl.devices import DeviceError, DeviceRefused, DeviceUncertain, TableSt
 from cellctl.devices.cell import table_correction_deg
 from cellctl.formats import RobotFile, TableFile
 from cellctl.journal import PushedTable
-from cellctl.operations.table import active_id, in_force, push_verified, refuse_table, roll_back
+from cellctl.operations.table import TableRecorder, active_id, in_force, push_verified, refuse_table, roll_back
 from cellctl.operations.table_history import TableHistory
-from cellctl.operations.table_recording import TableRecorder
 from cellctl.procedure import StepContext
 from cellctl.records import TablePushRow, TableStateRow, VerdictRow
 

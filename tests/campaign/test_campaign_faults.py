@@ -14,7 +14,7 @@ from cellctl.devices import DeviceFault, DeviceLost, NoContact, ProbeNotOpen
 from cellctl.engine import Mailbox, State
 from cellctl.journal import Outcome
 from cellctl.operations.campaign import load_campaign
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell
 
 pytestmark = pytest.mark.campaign
 

@@ -34,8 +34,8 @@ from cellctl.devices import DeviceError, DeviceUnreachable
 from cellctl.engine import Mailbox, NobodyWatching, State
 from cellctl.journal import fold, read_journal
 from cellctl.operations.campaign import load_campaign
+from cellctl.operations.cell_devices import SimulatedCell
 from cellctl.operations.launch import Options, run_on
-from cellctl.operations.simulated import SimulatedCell
 
 pytestmark = pytest.mark.campaign
 
@@ -138,8 +138,8 @@ def test_simulators_that_never_get_ready_are_unreachable_and_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     campaign = load_campaign(touches_procedure(tmp_path), cell_with(tmp_path), [])
-    monkeypatch.setattr("cellctl.operations.simulated.simulator_command", lambda *_: ["sleep", "600"])
-    monkeypatch.setattr("cellctl.operations.simulated._START_SECONDS", 0.1)
+    monkeypatch.setattr("cellctl.operations.cell_devices.simulator_command", lambda *_: ["sleep", "600"])
+    monkeypatch.setattr("cellctl.operations.cell_devices._START_SECONDS", 0.1)
     with pytest.raises(DeviceUnreachable, match=r"simulator: was not ready within 0\.1 s"):
         asyncio.run(SimulatedCell.start(campaign.cell, None, None))
 

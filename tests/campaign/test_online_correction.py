@@ -117,7 +117,7 @@ ENGINE = """
 import asyncio, json, sys
 sys.path[:0] = sys.argv[3:]
 from pathlib import Path
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell
 from corrected_cells import robot_of
 from correcting_engine import corrected_from_here, there_and_back
 

@@ -26,7 +26,7 @@ from cellctl.journal import (
     fold,
     read_journal,
 )
-from cellctl.operations.provenance import code_hash, sources
+from cellctl.operations.launch import code_hash, sources
 
 pytestmark = pytest.mark.campaign
 

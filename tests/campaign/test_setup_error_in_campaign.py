@@ -10,7 +10,7 @@ from cell_runs import UNHURRIED, cell_with, run_here, touches_procedure
 from cellctl.cli.ends import Exit
 from cellctl.cli.run_end import exit_of, show_end
 from cellctl.engine import State
-from cellctl.operations.results import result_of
+from cellctl.operations.run_folder import result_of
 
 IDENTIFY = """  - {id: identify, do: sphere.identify, with: {model: geometry}, timeout: 300}
 cleanup:"""

@@ -24,7 +24,7 @@ from tracker_runs import (
 from cellctl.devices import DeviceError
 from cellctl.engine import Mailbox, State
 from cellctl.journal import InterlockChanged, StepEnded, fold, read_journal
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell
 from cellctl.records import TableStateRow
 from cellctl.report import write_report
 from procedures.steps.tracker.rows import ConstantRow, MonumentsRow, PoseRow, ReturnRow, SetUpRow, TurnRow

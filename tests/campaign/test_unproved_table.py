@@ -22,8 +22,8 @@ from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
 from cellctl.journal import RunState, StepStarted, fold, read_journal
 from cellctl.operations.campaign import Campaign, load_campaign
+from cellctl.operations.cell_devices import SimulatedCell
 from cellctl.operations.launch import Options, run_on
-from cellctl.operations.simulated import SimulatedCell
 from cellctl.operations.table_history import TableHistory
 from cellctl.records import TablePushRow, TableStateRow
 

@@ -31,8 +31,8 @@ from cellctl.journal import (
     StepStarted,
 )
 from cellctl.journal import Outcome as StepOutcome
-from cellctl.operations.results import result_of
-from cellctl.operations.resume import resumed_run
+from cellctl.operations.launch import resumed_run
+from cellctl.operations.run_folder import result_of
 
 TABLE = {
     "id": "6f86d0" * 10 + "6f86",
@@ -230,7 +230,7 @@ class SameCampaign:
 
 def of_the_same_files(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A campaign that is what `run_with` began."""
-    monkeypatch.setattr("cellctl.operations.resume._changes", lambda *_: [])
+    monkeypatch.setattr("cellctl.operations.launch._changes", lambda *_: [])
     return SameCampaign()
 
 

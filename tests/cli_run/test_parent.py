@@ -14,7 +14,7 @@ PATIENCE_S = 120.0
 
 WAITING = """
 import threading, os
-from cellctl.operations.parent import aborting_without, parent_of_run
+from cellctl.operations.launch import aborting_without, parent_of_run
 ended = threading.Event()
 def abort(why):
     print(why, flush=True)
@@ -29,7 +29,7 @@ import subprocess, sys
 subprocess.run([sys.executable, "-c", sys.argv[1]])
 """
 
-ASKING = "from cellctl.operations.parent import parent_of_run; print(parent_of_run(detached={detached}))"
+ASKING = "from cellctl.operations.launch import parent_of_run; print(parent_of_run(detached={detached}))"
 
 
 def test_kill_minus_nine_of_the_parent_is_seen_and_named() -> None:

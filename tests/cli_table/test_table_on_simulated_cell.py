@@ -15,7 +15,7 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import TableFile
-from cellctl.operations import connected, table_cell
+from cellctl.operations import cell_devices, table
 
 
 def run(*words):
@@ -93,7 +93,7 @@ def test_another_simulated_robots_table_is_refused_and_the_old_one_stays(cell, c
 def test_a_controller_that_restarts_during_a_push_has_the_table_that_the_end_of_the_command_tells(
     cell, capsys, monkeypatch, after_ms
 ):
-    monkeypatch.setattr(table_cell, "connected", restarting(monkeypatch, after_ms))
+    monkeypatch.setattr(table, "connected", restarting(monkeypatch, after_ms))
     code = cell.table("push", cell.first)
     said = capsys.readouterr().err
     monkeypatch.undo()
@@ -114,17 +114,17 @@ def test_a_controller_that_restarts_during_a_push_has_the_table_that_the_end_of_
 def restarting(monkeypatch, after_ms):
     """`connected`, and then the controller restarts after `after_ms` of the cell's time."""
     started = []
-    start = connected.SimulatedCell.start
+    start = cell_devices.SimulatedCell.start
 
     async def noted(*arguments):
         started.append(await start(*arguments))
         return started[-1]
 
-    monkeypatch.setattr(connected.SimulatedCell, "start", noted)
+    monkeypatch.setattr(cell_devices.SimulatedCell, "start", noted)
 
     @asynccontextmanager
     async def instead(*arguments, **settings):
-        async with connected.connected(*arguments, **settings) as devices:
+        async with cell_devices.connected(*arguments, **settings) as devices:
             now_ms = (await started[-1].tell({"op": "status"}))["time_ns"] * 1e-6
             await started[-1].tell({"op": "fault", "fault": "robot.restart", "at_ms": now_ms + after_ms})
             yield devices

@@ -15,8 +15,8 @@ from cellctl.cli.verbs import app
 from cellctl.console.commands import all_audited
 from cellctl.console.shared import console
 from cellctl.formats import TableFile
+from cellctl.operations.table import TableRecorder
 from cellctl.operations.table_history import TableHistory
-from cellctl.operations.table_recording import TableRecorder
 
 SERIAL = "SIM-4711"
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"

@@ -25,7 +25,7 @@ from cellctl.journal import (
     fold,
     read_journal,
 )
-from cellctl.operations.resume import uncertainty
+from cellctl.operations.launch import uncertainty
 
 PATIENCE_S = 60.0
 ME = Operator("maria", "cell-pc", "cli")

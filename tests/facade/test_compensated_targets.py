@@ -12,8 +12,8 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 import cellctl
 from cellctl.files import InputError
 from cellctl.formats import TableFile
+from cellctl.operations.compensating import learnt_on
 from cellctl.operations.fit_options import Judging
-from cellctl.operations.learnt_on import learnt_on
 
 
 @pytest.fixture

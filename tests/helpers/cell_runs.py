@@ -19,8 +19,8 @@ import pytest
 from cellctl.engine import Mailbox, NobodyWatching, Outcome
 from cellctl.journal import RunState, fold, read_journal
 from cellctl.operations.campaign import load_campaign
+from cellctl.operations.cell_devices import SimulatedCell
 from cellctl.operations.launch import Options, run_on
-from cellctl.operations.simulated import SimulatedCell
 
 ROOT = Path(__file__).parents[2]
 SELFCAL = ROOT / "procedures" / "sphere_selfcal.yaml"

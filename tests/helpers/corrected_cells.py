@@ -17,8 +17,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.formats.online import CorrectionFile
 from cellctl.kinematics import Floats
-from cellctl.operations.connected import open_devices, tell_targets
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell, open_devices, tell_targets
 from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
 from sims.cell import read_cell
 from sims.world import World

@@ -13,8 +13,7 @@ from cellctl.clock import Clock
 from cellctl.devices import Device
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
-from cellctl.operations.connected import open_devices, tell_targets
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell, open_devices, tell_targets
 
 CELLS = Path(__file__).parents[2] / "procedures" / "cells"
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)

@@ -14,10 +14,9 @@ from cellctl.cli.run_end import exit_of, show_end
 from cellctl.engine import Mailbox, NobodyWatching, Outcome
 from cellctl.journal import RunState, fold, read_journal
 from cellctl.operations.campaign import load_campaign
-from cellctl.operations.launch import Options, run_on
-from cellctl.operations.results import result_of
-from cellctl.operations.resume import ResumedRun, resumed_run
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell
+from cellctl.operations.launch import Options, ResumedRun, resumed_run, run_on
+from cellctl.operations.run_folder import result_of
 from cellctl.records import TableStateRow
 from procedures.steps.tracker.rows import TrackerVerdict
 

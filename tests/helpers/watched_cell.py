@@ -13,7 +13,7 @@ from unittest.mock import patch
 from corrected_cells import Bench, robot_of
 
 import sims.running
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell
 from sims.cell import read_cell
 from sims.running import RunningCell
 

@@ -13,7 +13,7 @@ from cellctl.clock import WallClock
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.journal import OperatorAction, fold, read_journal, writer_of
-from cellctl.operations.acting import act
+from cellctl.operations.run_control import act
 
 MARIA = Operator("maria", "tablet", "console")
 

@@ -15,8 +15,7 @@ from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 from cellctl.journal import Journal, Recorded, RunStarted, SourceFile
 from cellctl.operations.comparing_models import difference_covariance, model_difference
-from cellctl.operations.comparing_runs import compare_runs
-from cellctl.operations.parameter_drift import parameter_drift
+from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.run_list import run_rows
 
 SIGMA_MM, SIGMA_RAD = 0.05, 5e-5

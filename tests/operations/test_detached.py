@@ -17,14 +17,13 @@ from cellctl.clock import WallClock
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.journal import OperatorAction, RunResumed, RunState, StepStarted, fold, read_journal, writer_of
-from cellctl.operations.acting import act
-from cellctl.operations.detached import RunOrder, question_of, resume_detached, start_detached
+from cellctl.operations.run_control import RunOrder, act, question_of, resume_detached, start_detached
 
 ADA = Operator("Ada", "tablet", "console")
 STARTER = """
 import asyncio, sys
 from pathlib import Path
-from cellctl.operations.detached import RunOrder, start_detached
+from cellctl.operations.run_control import RunOrder, start_detached
 order = RunOrder(Path(sys.argv[1]), Path(sys.argv[2]), seed=2)
 print(asyncio.run(start_detached(order, Path(sys.argv[3]), "Ada")), flush=True)
 input()

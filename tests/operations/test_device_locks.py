@@ -17,13 +17,12 @@ from cellctl.devices import Address, DeviceBusy, Identity
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import NobodyWatching, State
-from cellctl.operations import detached
+from cellctl.operations import run_control
 from cellctl.operations.campaign import load_campaign
-from cellctl.operations.device_locks import DeviceLocks, refuse_in_use
+from cellctl.operations.cell_devices import DeviceLocks, refuse_in_use
 from cellctl.operations.doctor import examine
-from cellctl.operations.launch import Options
-from cellctl.operations.start import new_run
-from cellctl.operations.table_cell import TableCell
+from cellctl.operations.launch import Options, new_run
+from cellctl.operations.table import TableCell
 
 DRIVERS = DriverRegistry()
 PLC = "modbus+tcp://127.0.0.1:9"
@@ -104,14 +103,14 @@ def test_a_start_on_a_cell_in_use_is_refused_with_the_name_of_the_other_run_and_
     started.write_text(started.read_text().partition("\nsimulate:")[0])
     other = real_cell(tmp_path / "other", {"arm": "kuka+varproxy://172.31.1.147"})
     ended = subprocess.Popen([sys.executable, "-c", ""])
-    monkeypatch.setattr(detached, "_started", lambda *_: ended)  # the process that `carry_out` below stands for
+    monkeypatch.setattr(run_control, "_started", lambda *_: ended)  # the process that `carry_out` below stands for
     campaign = load_campaign(SELFCAL, started, [])
     said = "robot: is in use by run sphere-7"
     with DeviceLocks.held(other, DRIVERS, run="sphere-7"):
         with pytest.raises(DeviceBusy, match=said):
             new_run(campaign, tmp_path / "runs", Options(1, None)).carry_out(NobodyWatching())
         with pytest.raises(DeviceBusy, match=said):
-            asyncio.run(detached.start_detached(detached.RunOrder(SELFCAL, started), tmp_path / "runs", "Ada"))
+            asyncio.run(run_control.start_detached(run_control.RunOrder(SELFCAL, started), tmp_path / "runs", "Ada"))
     assert list((tmp_path / "runs").iterdir()) == []
 
 

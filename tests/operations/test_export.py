@@ -142,7 +142,7 @@ def test_parquet_has_the_rows_of_the_csv_with_types_and_units(run: Path) -> None
 def test_without_pyarrow_the_command_says_how_to_install_it(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cellctl.operations.export.parquet.installed", lambda: False)
+    monkeypatch.setattr("cellctl.operations.export.samples.installed", lambda: False)
     assert command("export", run, "--as", "parquet", "-o", tmp_path / "s.parquet") == Exit.BAD_INPUT
     assert "pip install 'cellctl[parquet]'" in capsys.readouterr().err
     assert not (tmp_path / "s.parquet").exists()

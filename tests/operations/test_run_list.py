@@ -11,8 +11,7 @@ from finished_runs import run_in
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.journal import RunStarted, RunState, SourceFile
-from cellctl.operations.run_list import RunFilter, run_rows
-from cellctl.operations.run_summary import is_simulated
+from cellctl.operations.run_list import RunFilter, is_simulated, run_rows
 
 UNBORN = "sphere_selfcal-20260101T000000Z"
 

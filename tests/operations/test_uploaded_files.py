@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cellctl.files import InputError
-from cellctl.operations.uploaded_files import roles
+from cellctl.operations.analyses import roles
 
 ROBOT = "name: arm\nconvention: poe\njoints:\n"
 SPHERES = "spheres:\n  - {id: S1, diameter: 60}\n"

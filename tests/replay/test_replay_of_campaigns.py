@@ -16,7 +16,7 @@ from cell_runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run
 from shared_campaign import shared_campaign
 
 from cellctl.journal import JournalError, RunResumed, fold, read_journal
-from cellctl.operations.provenance import versions
+from cellctl.operations.launch import versions
 
 pytestmark = pytest.mark.campaign
 

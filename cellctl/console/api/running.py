@@ -17,8 +17,8 @@ from cellctl.console.shared import console
 from cellctl.engine.step_tree import Node
 from cellctl.files import InputError
 from cellctl.journal import OperatorAction
-from cellctl.operations.detached import question_of
-from cellctl.operations.run_end import RunEnd
+from cellctl.operations.run_control import question_of
+from cellctl.operations.run_list import RunEnd
 
 router = APIRouter(prefix="/api/runs/{name}", tags=["run"])
 

@@ -18,7 +18,7 @@ from cellctl.console.commands import REPORT_CONTENT, exported, known_rows, recom
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.operations.export import Form
-from cellctl.operations.run_files import run_file, run_files, run_named
+from cellctl.operations.run_folder import run_file, run_files, run_named
 from cellctl.operations.run_list import RunFilter, run_row
 
 router = APIRouter(prefix="/api", tags=["runs"])
@@ -165,7 +165,7 @@ async def drift(
     parameter: Annotated[list[str], Query(max_length=200, description="Names of parameters")] = [],  # noqa: B006
 ) -> dict[str, Any]:
     """Parameters of one robot's models over its runs, with their trends for 30 days; by default all determined ones."""
-    from cellctl.operations.parameter_drift import parameter_drift
+    from cellctl.operations.comparing_runs import parameter_drift
 
     rows = await known_rows()
     return (await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter)).to_json()

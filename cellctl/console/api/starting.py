@@ -17,7 +17,7 @@ from cellctl.console.shared import console
 from cellctl.devices.cell import ClockMode
 from cellctl.files import Problem
 from cellctl.operations.checking import check, choices, form_of, line_of
-from cellctl.operations.detached import RunOrder
+from cellctl.operations.run_control import RunOrder
 from cellctl.procedure import Parameter
 
 router = APIRouter(prefix="/api", tags=["start"])

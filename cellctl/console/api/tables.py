@@ -14,8 +14,7 @@ from cellctl.console.commands import start_action, start_look
 from cellctl.console.shared import console
 from cellctl.operations.table_actions import TableRequest, known_table
 from cellctl.operations.table_diff import ComparedTable, table_difference
-from cellctl.operations.table_history import histories
-from cellctl.operations.table_overview import table_overview
+from cellctl.operations.table_history import histories, table_overview
 
 router = APIRouter(prefix="/api/tables", tags=["tables"])
 

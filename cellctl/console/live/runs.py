@@ -16,7 +16,7 @@ from cellctl.console.live.run import UNREADABLE, Found, LiveRun, Snapshot, Stamp
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, RunState, fold, read_journal, writer_of
 from cellctl.journal.journal_file import LOCK_NAME
-from cellctl.operations.run_summary import run_summary
+from cellctl.operations.run_list import run_summary
 from cellctl.procedure import StepRegistry
 
 

@@ -20,7 +20,7 @@ from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.operations import analyses
-from cellctl.operations.uploaded_files import roles
+from cellctl.operations.analyses import roles
 from cellctl.robots import library
 
 Handler = Callable[..., Any]

@@ -16,14 +16,13 @@ from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.journal import JournalError
 from cellctl.operations.failure import Failure
-from cellctl.operations.run_files import run_named
+from cellctl.operations.run_folder import run_named
 from cellctl.operations.run_list import RunRow, robot_serial
 from cellctl.report.numbers import fixed, with_sigma
 
 if TYPE_CHECKING:
     from cellctl.operations.comparing_models import ModelDifference, ParameterChange
-    from cellctl.operations.comparing_runs import RunComparison
-    from cellctl.operations.parameter_drift import ParameterDrift, ParameterSeries
+    from cellctl.operations.comparing_runs import ParameterDrift, ParameterSeries, RunComparison
 
 _MOST_CHARTS = 12
 
@@ -159,7 +158,7 @@ class _DriftView:
 
     async def show(self, serial: str) -> None:
         """Show the robot `serial`."""
-        from cellctl.operations.parameter_drift import parameter_drift
+        from cellctl.operations.comparing_runs import parameter_drift
 
         found = await asyncio.to_thread(parameter_drift, console().runs, self._rows, serial)
         assert self.area is not None

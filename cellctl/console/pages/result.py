@@ -31,7 +31,7 @@ from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.operations.export import Form
 from cellctl.operations.replay import Agreement
-from cellctl.operations.run_files import RunFile, run_files, run_named
+from cellctl.operations.run_folder import RunFile, run_files, run_named
 from cellctl.operations.run_list import RunRow, run_row
 from cellctl.report.numbers import fixed
 

@@ -20,7 +20,7 @@ from cellctl.console.scene.charts import ChartsView, charts_view
 from cellctl.console.scene.view import SceneView, scene_view
 from cellctl.console.shared import console
 from cellctl.files import InputError
-from cellctl.operations.run_summary import is_simulated
+from cellctl.operations.run_list import is_simulated
 
 _EVERY_S = 0.5
 _SHARE = 0.1

@@ -17,7 +17,7 @@ from cellctl.console.look import COLOURS, ICONS, State, command_button, is_pausi
 from cellctl.engine import ActionName, Operator
 from cellctl.engine.step_tree import Node, NodeKind, NodeState
 from cellctl.journal import JournalError
-from cellctl.operations.detached import question_of
+from cellctl.operations.run_control import question_of
 
 _NO_SAFETY_STOP = (
     "This is no safety stop: the step in progress is cancelled, the robot brakes, and the clean-up steps follow. "

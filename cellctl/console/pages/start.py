@@ -28,7 +28,7 @@ from cellctl.operations.checking import (
     missing_devices,
     setting_problem,
 )
-from cellctl.operations.detached import RunOrder
+from cellctl.operations.run_control import RunOrder
 from cellctl.procedure import Parameter, ParameterType, Procedure, load_procedure
 from cellctl.procedure.registry import BrokenSteps
 

@@ -27,12 +27,11 @@ from cellctl.console.look import (
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
-from cellctl.operations.results import SIMULATOR_MEMORY
+from cellctl.operations.run_folder import SIMULATOR_MEMORY
 from cellctl.operations.run_list import RunRow, robot_serial
 from cellctl.operations.shipped import shipped_names
 from cellctl.operations.table_actions import Action, TableRequest, refuse_confirmation
-from cellctl.operations.table_changes import short
-from cellctl.operations.table_overview import table_overview
+from cellctl.operations.table_history import short, table_overview
 from cellctl.report.numbers import fixed
 
 _SHOWN = 30

@@ -12,7 +12,7 @@ from typing import Final, final
 
 from cellctl.files import InputError, sha256_of
 from cellctl.journal import JournalError, ReadableJournal, RunState, journal_in
-from cellctl.operations.export.event_lines import event_lines
+from cellctl.operations.export.events import event_lines
 from cellctl.operations.export.samples import Samples
 from cellctl.records import ArtefactRow
 

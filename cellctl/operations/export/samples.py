@@ -1,15 +1,76 @@
-"""The samples of a run as one table: every measured row of the journal, a column for each of its values."""
+"""The samples of a run as one table: columns with units, a row for each measured row; also as a Parquet file."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, Literal, Self, final
 
+from cellctl.files import InputError, Problem
 from cellctl.journal import RecordedRow, RunState
-from cellctl.operations.export.columns import Leaf, leaves
+
+_JOINTS = ("joints", "resting", "commanded", "nominal", "at_target", "at_contact", "readings")
+_PER_JOINT = (*_JOINTS, "direction", "amperes", "sigma_a")
+"""Lists with an item for each joint: their columns end in A1 … An."""
+
+_COORDINATES = ("xyz", "normal", "target", "covariance", "common")
+"""Lists with an item for each of x, y, z."""
+
+_UNITS = {
+    **dict.fromkeys(_JOINTS, "deg"),
+    **dict.fromkeys(("xyz", "target", "scatter"), "mm"),
+    **dict.fromkeys(("covariance", "common"), "mm^2"),
+    **dict.fromkeys(("amperes", "sigma_a"), "A"),
+}
+_SUFFIXES = {
+    "mm": "mm", "deg": "deg", "rad": "rad", "ns": "ns", "ms": "ms", "s": "s", "c": "degC", "hpa": "hPa", "percent": "%",
+}  # fmt: skip
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """A value of a row: the name of its column, its unit ("" if it has none), and the value."""
+
+    name: str
+    unit: str
+    value: Any
+
+
+def leaves(data: Mapping[str, Any]) -> Iterator[Leaf]:
+    """The values of a journal row: `{"point": {"xyz": [1, 2, 3]}}` has `point_xyz_x`, `point_xyz_y`, `point_xyz_z`.
+
+    Items of other lists are counted from 1.
+    """
+    for key, value in data.items():
+        yield from _below(key, key, value)
+
+
+def unit_of(field: str) -> str:
+    """The unit of a field by its name, or by its ending (`shift_mm`); "" if it has none."""
+    return _UNITS.get(field) or _SUFFIXES.get(field.rpartition("_")[2] if "_" in field else "", "")
+
+
+def _below(name: str, field: str, value: Any) -> Iterator[Leaf]:
+    match value:
+        case dict():
+            for key, inner in value.items():
+                yield from _below(f"{name}_{key}", key, inner)
+        case list() | tuple():
+            for index, inner in enumerate(value):
+                yield from _below(f"{name}_{_label(field, index)}", field, inner)
+        case _:
+            yield Leaf(name, unit_of(field), value)
+
+
+def _label(field: str, index: int) -> str:
+    if field in _PER_JOINT:
+        return f"A{index + 1}"
+    return "xyz"[index] if field in _COORDINATES and index < 3 else str(index + 1)
+
 
 Kind = Literal["integer", "number", "string", "boolean"]
 """The type of a column, in the words of JSON schema."""
@@ -109,3 +170,32 @@ def _cell(value: Any) -> str:
     if value is None:
         return ""
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+CURE = "install it with `pip install 'cellctl[parquet]'`, or export --as csv: it has the same columns"
+
+
+def installed() -> bool:
+    """Whether Parquet can be written here."""
+    return find_spec("pyarrow") is not None
+
+
+def parquet(samples: Samples, run: str) -> bytes:
+    """The samples of `run` (its name) as Parquet: a column's unit is in the metadata of its field, key `unit`.
+
+    Raises InputError without pyarrow.
+    """
+    if not installed():
+        raise InputError(Problem("--as parquet", 0, 0, "Parquet needs the package pyarrow, which is missing", CURE))
+    import pyarrow as pa
+    from pyarrow import parquet as files
+
+    types = {"integer": pa.int64(), "number": pa.float64(), "string": pa.string(), "boolean": pa.bool_()}
+    fields = [
+        pa.field(column.name, types[column.kind], metadata={"unit": column.unit} if column.unit else None)
+        for column in samples.columns
+    ]
+    arrays = [pa.array(column.values, field.type) for column, field in zip(samples.columns, fields, strict=True)]
+    stream = io.BytesIO()
+    files.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={"run": run})), stream)
+    return stream.getvalue()

@@ -1,8 +1,15 @@
 """Replay: repeats a run's computations from its journal alone and compares the results with the record."""
 
-from cellctl.operations.replay.artefacts import ArtefactReplay, FolderFile
-from cellctl.operations.replay.difference import TOLERANCE, Agreement, FirstDifference
-from cellctl.operations.replay.run import Replay, StepReplay, replay_run
+from cellctl.operations.replay.run import (
+    TOLERANCE,
+    Agreement,
+    ArtefactReplay,
+    FirstDifference,
+    FolderFile,
+    Replay,
+    StepReplay,
+    replay_run,
+)
 
 __all__ = [
     "TOLERANCE",

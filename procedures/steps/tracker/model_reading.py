@@ -10,8 +10,7 @@ from cellctl.devices.cell import table_correction_deg
 from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile, RobotFile
 from cellctl.journal import run_place
-from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
-from cellctl.operations.learnt_on import LearntOn, stated_on
+from cellctl.operations.compensating import CellRobot, LearntOn, refuse_model, refuse_other_cell, stated_on
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow
 

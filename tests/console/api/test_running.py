@@ -15,7 +15,7 @@ from running_campaign import PATIENCE_S, Running
 from cellctl.clock import WallClock
 from cellctl.engine import Operator
 from cellctl.journal import OperatorAction, writer_of
-from cellctl.operations.acting import act
+from cellctl.operations.run_control import act
 from cellctl.procedure import StepRegistry
 
 ADA = {"Authorization": "Bearer secret", "X-Operator": "Ada"}

@@ -15,7 +15,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import sha256_of
 from cellctl.journal import Journal, RunStarted, SourceFile
-from cellctl.operations.device_locks import DeviceLocks
+from cellctl.operations.cell_devices import DeviceLocks
 
 ADA = {"Authorization": "Bearer secret", "X-Operator": "Ada"}
 

@@ -24,7 +24,7 @@ from cellctl.devices import (
 )
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell
 
 ROOT = Path(__file__).parents[3]
 NESTS = {"N1": (1000.0, 2000.0, -300.0), "N2": (-1500.0, 2500.0, 200.0), "N3": (800.0, -2200.0, 500.0)}

@@ -11,7 +11,7 @@ import pytest
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
-from cellctl.operations.simulated import SimulatedCell
+from cellctl.operations.cell_devices import SimulatedCell
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 120.0

@@ -1,4 +1,4 @@
-"""Starts and resumes runs in a process of their own, which goes on when the process that started it ends."""
+"""Controls runs in other processes: starts and resumes detached ones; pauses, aborts, confirms, resets running ones."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-from cellctl.clock import WallClock
+from cellctl.clock import Clock, WallClock
 from cellctl.devices.cell import Cell, ClockMode
 from cellctl.devices.registry import DriverRegistry
+from cellctl.engine import ActionName, MailboxFolder, Operator
 from cellctl.files import InputError, Problem
-from cellctl.journal import JournalError, RunState, fold, last_number, read_journal
+from cellctl.journal import JournalError, OperatorAction, RunState, fold, last_number, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME
+from cellctl.operations.cell_devices import refuse_in_use
 from cellctl.operations.checking import check
-from cellctl.operations.device_locks import refuse_in_use
-from cellctl.operations.results import OUTPUT_NAME, new_run_folder
+from cellctl.operations.run_folder import OUTPUT_NAME, new_run_folder
 from cellctl.procedure import load_procedure
 
-_PATIENCE_S = 180.0
+_BEGIN_PATIENCE_S = 180.0
 """Wall time for the checks and the start of the simulators. If the process ends, the wait ends at once."""
 
 _LOOK_EVERY_S = 0.1
@@ -101,7 +102,7 @@ async def resume_detached(folder: Path, operator: str, *, acknowledged: bool) ->
 
 def question_of(folder: Path) -> str:
     """What a person has to check before the run in `folder` may continue, as text; empty: nothing. JournalError."""
-    from cellctl.operations.resume import uncertainty  # imports the results of campaigns
+    from cellctl.operations.launch import uncertainty  # imports the results of campaigns
 
     return uncertainty(_state_of(folder))
 
@@ -124,7 +125,7 @@ def _started(folder: Path, arguments: list[str]) -> subprocess.Popen[bytes]:
 async def _begun(process: subprocess.Popen[bytes], folder: Path, seen: int) -> bool:
     """Whether the run's journal gets an event after event `seen`, rather than that the process ends without one."""
     clock = WallClock()
-    until = clock.now() + _PATIENCE_S
+    until = clock.now() + _BEGIN_PATIENCE_S
     while clock.now() < until:
         ended = process.poll() is not None
         if _last(folder) > seen:
@@ -151,3 +152,45 @@ def _output(folder: Path) -> str:
     except OSError:
         return "it printed nothing"
     return text[-_MOST_OUTPUT:].strip().removeprefix("cellctl: ") or "it printed nothing"
+
+
+_ACTION_PATIENCE_S = 15.0
+"""Wall time within which a running engine takes an action; it looks every 0.2 s."""
+
+
+async def act(folder: Path, name: ActionName, operator: Operator, text: str = "") -> OperatorAction:
+    """Put an action into the mailbox of the run in `folder`, and wait until its journal contains it.
+
+    text: the reason; for `confirm` the path of the step that is confirmed: another step is not confirmed by it; empty:
+    the step that waits. Returns the recorded action; its `refused` states why the engine did not do it.
+    Raises InputError if the run is not running, ends before it takes the action, or does not take it; JournalError.
+    """
+    if writer_of(folder) is None:
+        raise _refused(folder, "this run is not running", "`cellctl runs` lists the runs, `--resume` continues one")
+    seen, mailbox = last_number(folder), MailboxFolder(folder)
+    number = mailbox.put(name, operator, text)
+    if taken := await _taken(folder, number, seen, WallClock()):
+        return taken
+    mailbox.withdraw(number)
+    if writer_of(folder) is None:
+        raise _refused(folder, f"this run ended before it took '{name}'", "look with `cellctl show`")
+    raise _refused(folder, f"this run did not take '{name}' within {_PATIENCE_S:g} s", "is its process still at work?")
+
+
+async def _taken(folder: Path, number: str, seen: int, clock: Clock) -> OperatorAction | None:
+    """The action `number`, once an event after event `seen` records it; None: the run ended, or took too long."""
+    until = clock.now() + _ACTION_PATIENCE_S
+    while clock.now() < until:
+        running = writer_of(folder) is not None
+        for entry in read_journal(folder, after=seen):
+            seen = entry.seq
+            if isinstance(entry.event, OperatorAction) and entry.event.id == number:
+                return entry.event
+        if not running:
+            return None
+        await clock.sleep(_LOOK_EVERY_S)
+    return None
+
+
+def _refused(folder: Path, what: str, cure: str) -> InputError:
+    return InputError(Problem(str(folder), 0, 0, what, cure))

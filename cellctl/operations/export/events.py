@@ -1,4 +1,4 @@
-"""A run as documents of bluesky's event model: start, a descriptor and the events of each stream, stop.
+"""The events of a run as JSON lines, and as documents of bluesky's event model.
 
 Event model: `event_model/schemas` of the package event-model. A stream is a kind of samples (`touch`, `pose`).
 """
@@ -11,9 +11,20 @@ from collections.abc import Iterator, Mapping
 from typing import Any, final
 from uuid import UUID, uuid5
 
-from cellctl.files import InputError, Problem
-from cellctl.journal import Entry, RunResumed, RunStarted, RunState
+from cellctl.files import InputError, Problem, canonical_json
+from cellctl.journal import Entry, ReadableJournal, RunResumed, RunStarted, RunState
 from cellctl.operations.export.samples import Samples, is_sample
+
+
+def event_lines(journal: ReadableJournal) -> str:
+    """One JSON object per line: `seq`, `time_ns` (the cell's time), `kind`, `step`, `attempt`, `data`.
+
+    `data` has all fields of the journal, also those that this version of cellctl does not know.
+    """
+    names = ("seq", "time_ns", "kind", "step", "attempt", "data")
+    lines = (dict(zip(names, (*row[:-1], json.loads(row[-1])), strict=True)) for row in journal.rows)
+    return "".join(f"{canonical_json(line)}\n" for line in lines)
+
 
 Document = tuple[str, dict[str, Any]]
 """The name of a document (`start`, `descriptor`, `event`, `stop`) and its content."""
