@@ -34,7 +34,7 @@ def analyse(
 
     Example: cellctl analyse ur10 ur10.csv --report similarity.html
     """
-    from cellctl.cli.outputs import Unwritten, refuse_outputs, write_json
+    from cellctl.cli.arguments import Unwritten, refuse_outputs, write_json
 
     refuse_outputs({"--report": page, "--json": json_}, [robot, data, model])
     from cellctl.analysis import similarity

@@ -1,12 +1,17 @@
-"""Arguments and options that several verbs share."""
+"""What several verbs share: arguments and options, output files checked before the work, output to stdout."""
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, final
 
 import typer
+
+from cellctl.files import InputError, Problem, is_stream, write_atomically
 
 
 def _procedure(given: Path) -> Path:
@@ -76,3 +81,98 @@ Seed = Annotated[int | None, typer.Option(help="Seed of the simulated robot's er
 def shown_name(path: Path) -> str:
     """A file's name as text, for any bytes in it."""
     return os.fsencode(path.name).decode(errors="replace")
+
+
+def refuse_outputs(outputs: Mapping[str, Path | str | None], inputs: Collection[Path | None]) -> None:
+    """Raise InputError if an output (by its option; None: no output) cannot be a file, is one of the `inputs`, or is
+    given twice. `-` is stdout for the JSON, and an error for other outputs.
+    """
+    wanted = {option: Path(path) for option, path in outputs.items() if path is not None}
+    if str(wanted.get("--json")) == "-":
+        del wanted["--json"]
+    read = {os.path.realpath(path) for path in inputs if path is not None}
+    problems, taken = [], dict[str, str]()
+    for option, path in wanted.items():
+        if (what := _why_not(path, read, taken)) is not None:
+            problems.append(Problem(str(path), 0, 0, what, f"give {option} another file"))
+        taken.setdefault(os.path.realpath(path), option)
+    if problems:
+        raise InputError(problems)
+
+
+def refuse_json_on_stdout(json_: str | None, out: Path | None, what: str) -> None:
+    """Raise InputError if both the JSON and `what`, the verb's own output, would go to stdout."""
+    if json_ == "-" and out is None:
+        raise InputError(Problem("--json", 0, 0, f"{what} itself goes to stdout", "give -o FILE too"))
+
+
+@final
+class Unwritten:
+    """Outputs that could not be written (full disk): reported after the other outputs and the result."""
+
+    def __init__(self) -> None:
+        self._problems: list[Problem] = []
+
+    @contextmanager
+    def noted(self) -> Iterator[None]:
+        """Writes one output; an OSError is kept for later."""
+        try:
+            yield
+        except OSError as error:
+            what = f"could not be written: {error.strerror or error}"
+            self._problems.append(Problem(str(error.filename), 0, 0, what, "free some space, or choose another folder"))
+
+    def refuse(self) -> None:
+        """Raise InputError with every one of them."""
+        if self._problems:
+            raise InputError(self._problems)
+
+
+def to_stdout(content: str | bytes) -> None:
+    """Write a file's content to stdout, text in UTF-8 as in files, for any terminal encoding."""
+    typer.echo(content.encode() if isinstance(content, str) else content, nl=False)
+
+
+def write_json(result: dict[str, Any], target: str | None) -> None:
+    """Write `result` to a file, or to stdout for `-`."""
+    if target is None:
+        return
+    text = json.dumps(result, indent=2, ensure_ascii=False) + "\n"
+    if target == "-":
+        to_stdout(text)
+    else:
+        write_atomically(Path(target), text)
+
+
+@contextmanager
+def refused_rows(target: str | None) -> Iterator[None]:
+    """Write what is refused inside this context as JSON too: on the terminal only the first of many are shown."""
+    try:
+        yield
+    except InputError as error:
+        rows = [{"file": p.file, "line": p.line, "reason": p.what, "cure": p.cure} for p in error.problems]
+        write_json({"refused": rows, "note": error.note}, target)
+        raise
+
+
+def _why_not(path: Path, read: Collection[str], taken: Mapping[str, str]) -> str | None:
+    real = os.path.realpath(path)
+    if str(path) == "-":
+        return "is stdout for --json alone"
+    if path.is_dir():
+        return "is a folder"
+    if not path.parent.is_dir():
+        return "lies in a folder that is not there"
+    if is_stream(path):
+        return None  # a stream can be written several times
+    if real in read:
+        return "is read here: it would be written over"
+    if real in taken:
+        return f"is written by {taken[real]} as well"
+    return None if _may_be_written(path) else "may not be written"
+
+
+def _may_be_written(path: Path) -> bool:
+    """Whether the file may be replaced by a new one; this also needs write permission for the folder."""
+    folder = Path(os.path.realpath(path)).parent
+    return os.access(folder, os.W_OK | os.X_OK) and (not path.exists() or os.access(path, os.W_OK))

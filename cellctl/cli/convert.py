@@ -1,7 +1,8 @@
-"""`cellctl convert`: writes a robot or a model in another program's or controller's form."""
+"""`cellctl import`, `convert`, `robots`: measured data, robots and models in their forms; the library of robots."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, final
@@ -9,9 +10,111 @@ from typing import TYPE_CHECKING, Annotated, final
 import typer
 
 from cellctl.cli import arguments
+from cellctl.cli.ends import SHOWN
 
 if TYPE_CHECKING:
     from cellctl.kinematics import TableConvention
+    from cellctl.operations.robot_library import LibraryRobot
+    from cellctl.pendant_import import Imported
+
+
+def import_data(
+    joints: Annotated[
+        Path, typer.Argument(help="Joints: KRL, RAPID, FANUC .LS, UR script, $AXIS_ACT listing, or table.")
+    ],
+    positions: Annotated[
+        Path | None,
+        typer.Argument(help="Measured X, Y, Z: table, instrument's text. Omit it if the joint table has them."),
+    ] = None,
+    out: arguments.Out = None,
+    robot: arguments.RobotOption = None,
+    decimal: Annotated[str | None, typer.Option(help="Decimal sign, if ambiguous: comma|point.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of X, Y, Z, if no heading names it: mm|m|cm|um|inch.")] = None,
+    angles: Annotated[str | None, typer.Option(help="Unit of the joints, if ambiguous: deg|rad.")] = None,
+    pair: Annotated[str | None, typer.Option(help="Pair the rows of both files by: name|order.")] = None,
+    orientation: Annotated[
+        str | None,
+        typer.Option(help="Take orientations too: abc (KUKA), quaternion, fixed-xyz, euler-xyz, rotation-vector."),
+    ] = None,
+    columns: Annotated[
+        list[str] | None, typer.Option(help="Name columns: --columns A1=shoulder,X=north (may be repeated).")
+    ] = None,
+    repeats: Annotated[
+        bool, typer.Option("--repeats", help="A point may have several rows (repeated measurements).")
+    ] = False,
+    targets: Annotated[
+        bool, typer.Option("--targets", help="Make a target file for `compensate` from Cartesian points.")
+    ] = False,
+    j3: Annotated[
+        str | None, typer.Option(help="FANUC: J3 counts from the horizontal, or from the arm before: horizontal|arm.")
+    ] = None,
+    coverage: Annotated[float | None, typer.Option(help="How many σ the columns Ux, Uy, Uz are.")] = None,
+    group: Annotated[str | None, typer.Option(help="Take the points of this group only.")] = None,
+    frame: Annotated[str | None, typer.Option(help="With --targets: take the points in this frame only.")] = None,
+    json_: arguments.Json = None,
+) -> None:
+    """Make a data set from joint list and measured positions, or targets from a program.
+
+    For an instrument that is not connected to the robot.
+
+    Nothing is guessed. All decisions, and rows without a partner, are printed on stderr. Ambiguous input (1,234; mm or
+    m; which rows are pairs) is refused, with the option that resolves it.
+
+    Example: cellctl import messung.dat positions.csv --robot kr5_r1400 -o data.csv
+
+    Example: cellctl import part.mod --targets -o targets.csv
+    """
+    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
+    from cellctl.files import write_atomically
+    from cellctl.formats import RobotFile
+    from cellctl.formats.dataset import text_of
+    from cellctl.pendant_import import choices, imported, imported_targets
+
+    refuse_json_on_stdout(json_, out, "the target file" if targets else "the data set")
+    refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])
+    given = {"decimal": decimal, "unit": unit, "angles": angles, "pair": pair, "orientation": orientation, "j3": j3}
+    of_joints = {"POSITIONS": positions, "--robot": robot, "--angles": angles, "--pair": pair, "--j3": j3}
+    _refuse_without_meaning(targets, {**of_joints, "--repeats": repeats or None}, frame)
+    answers = choices(given, columns or (), repeats=repeats, coverage=coverage, group=group, frame=frame)
+    if targets:
+        result = imported_targets(joints, answers)
+    else:
+        result = imported(joints, positions, answers, RobotFile.load(robot) if robot else None)
+    text = text_of(result.records)
+    if out:
+        write_atomically(out, text)
+    elif json_ != "-":
+        to_stdout(text)
+    typer.echo(_words(result, out, "target" if targets else "row"), err=True)
+    left = [{"file": row.file, "line": row.line, "name": row.name, "reason": row.reason} for row in result.left_out]
+    write_json({"rows": len(result.records), "decided": list(result.decided), "left_out": left}, json_)
+
+
+def _refuse_without_meaning(targets: bool, for_joints: dict[str, object], frame: str | None) -> None:
+    """Raise InputError for options of joints beside --targets, and for --frame without it."""
+    from cellctl.files import InputError, Problem
+
+    if not targets and frame is not None:
+        raise InputError(Problem("--frame", 0, 0, "has a meaning for targets only", "give --targets too"))
+    given = [name for name, value in for_joints.items() if value is not None] if targets else []
+    if given:
+        raise InputError(
+            Problem(name, 0, 0, "has no meaning with --targets", "cellctl import POINTS --targets -o targets.csv")
+            for name in given
+        )
+
+
+def _words(result: Imported, out: Path | None, what: str) -> str:
+    count = len(result.records)
+    lines = [
+        f"{out or ('targets' if what == 'target' else 'data set')}: {count} {what}{'s' * (count != 1)}",
+        *(f"  {each}" for each in result.decided),
+    ]
+    if result.left_out:
+        lines += [f"Left out, {len(result.left_out)}:", *(f"  {row}" for row in result.left_out[:SHOWN])]
+    if len(result.left_out) > SHOWN:
+        lines.append(f"  … and {len(result.left_out) - SHOWN} more (--json names them all)")
+    return "\n".join(lines)
 
 
 @final
@@ -69,7 +172,7 @@ def convert(
 
     Example: cellctl convert kr5_r1400 --to urdf -o kr5.urdf
     """
-    from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
+    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
     from cellctl.files import write_atomically
     from cellctl.operations.exporting import ExportOptions, exported, read_source
 
@@ -101,3 +204,67 @@ def _refuse_options(robot: Path, to: Form, into: Path | None, tip: str | None, t
         raise typer.BadParameter("--into is for a model (.json) and --to urdf or --to ur-calibration")
     if tip is not None and suffix != ".urdf" and not (into and to is Form.URDF):
         raise typer.BadParameter("--tip names a link of a URDF, and none is read here")
+
+
+def robots(
+    name: Annotated[str | None, typer.Argument(help="Robot to show. Default: list all.")] = None,
+    out: Annotated[str | None, typer.Option("-o", "--out", help="Write the robot file to this file.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="List as a Markdown table, with the sources.")] = False,
+    json_: arguments.Json = None,
+) -> None:
+    """List the robots that a fit, a plan or a cell may name, or show one.
+
+    reach: of the flange from axis 1, within the joint limits. checked: agreement of the flange with a second source.
+
+    Example: cellctl robots kr300_r2500 -o my_robot.yaml
+    """
+    from pathlib import Path
+
+    from cellctl.cli.arguments import refuse_outputs, to_stdout, write_json
+    from cellctl.files import write_atomically
+    from cellctl.operations import robot_library
+
+    if name is None and out is not None:
+        raise typer.BadParameter("--out writes one robot: name it")
+    if name is not None and markdown:
+        raise typer.BadParameter("--markdown lists all robots: leave out the name")
+    found = [robot_library.LibraryRobot.find(name)] if name else robot_library.robots()
+    refuse_outputs({"--out": out, "--json": json_}, [robot.file for robot in found])
+    if out is not None:
+        write_atomically(Path(out), found[0].file.read_text(encoding="utf-8"))
+    if markdown:
+        to_stdout(robot_library.markdown(found))
+    elif json_ != "-":
+        for line in _shown(found[0]) if name else _aligned([robot_library.COLUMNS, *(row.cells for row in found)]):
+            typer.echo(line)
+    write_json({"robots": [robot.to_json() for robot in found]} if name is None else found[0].to_json(), json_)
+
+
+def _shown(found: LibraryRobot) -> Iterator[str]:
+    from cellctl.operations.robot_library import COLUMNS
+
+    yield f"{found.name}: {found.robot.name}"
+    yield from (f"  {key:13} {cell}" for key, cell in list(zip(COLUMNS, found.cells, strict=True))[2:5] if cell)
+    source = found.source.model_dump(exclude_none=True)
+    checked = source.pop("checked")
+    if isinstance(checked, dict):
+        source |= {"second source": checked["against"], "agreement": found.checked}
+    else:
+        source["checked"] = checked
+    source.pop("payload", None)
+    yield from (f"  {key:13} {text}" for key, text in source.items())
+    yield f"  file          {found.file}"
+    columns = ["joint", "theta", "d", "a", "alpha", "beta", "sign", "offset", "min", "max", "max_speed"]
+    rows = zip(found.robot.links, found.robot.joints, strict=True)
+    cells = [{**link.model_dump(), **joint.model_dump(), "joint": n} for n, (link, joint) in enumerate(rows, 1)]
+    table = [columns, *([_number(row[key]) for key in columns] for row in cells)]
+    yield from (f"  {line}" for line in _aligned(table))
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:g}"
+
+
+def _aligned(rows: list[tuple[str, ...]] | list[list[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -1,17 +1,170 @@
-"""`cellctl plan`: targets for a calibration, to be measured with any instrument."""
+"""`cellctl plan`: targets for a calibration, to be measured with any instrument, and the errors in its options."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, final
 
 import typer
 
 from cellctl.cli import arguments
-from cellctl.cli.plan_options import Asked
+from cellctl.files import InputError, Problem
+from cellctl.operations.fit_options import option
 
 if TYPE_CHECKING:
-    from cellctl.planning import TargetSet
+    from cellctl.formats import RobotFile
+    from cellctl.planning import JointRanges, Sight, TargetOptions, TargetSet, TaskWorkspace
+
+_Read = TypeVar("_Read")
+METHODS = ("quasi-random", "halton", "joint-uniform", "near-path", "pseudo-random", "clustered")
+"""Not imported from the mathematics: errors in the call are reported without loading it."""
+
+ACCEPTANCE_DEG, FACES_ANYWHERE_DEG = 27.0, 180.0
+
+
+@final
+@dataclass
+class Asked:
+    """The options as given; what each means is in the help of `cellctl plan`."""
+
+    method: str
+    n: int
+    held_out: int
+    box: str | None
+    angles: str | None
+    joints: str | None
+    path: Path | None
+    dense: int | None
+    partitions: int | None
+    near: str | None
+    station: str | None
+    reflector: str | None
+    facing: str | None
+    acceptance: float | None
+    floor: float | None
+    problems: list[Problem] = field(default_factory=list)
+
+    def refuse(self) -> None:
+        """Raise InputError with all errors that need no robot."""
+        if self.method not in METHODS:
+            self._add("method", f"'{self.method}' is not known", f"one of {', '.join(METHODS)}")
+        if (self.box is None) == (self.joints is None):
+            what = "targets are drawn from one region"
+            self._add("box", what, "--box X,Y,Z and --angles A,B,C, or --joints, each as ranges such as 900:1300")
+        if self.box is not None and self.angles is None:
+            self._add("angles", "a box alone has no orientation", "--angles 0,180,0 for a constant one, or ranges")
+        if self.box is None and self.angles is not None:
+            self._add("angles", "belongs to --box", "give --box too, or leave it out")
+        if self.method == "near-path" and self.path is None:
+            self._add("path", "near-path needs a path", "--path FILE.csv with X, Y, Z in mm")
+        if self.path is not None and self.method != "near-path":
+            self._add("path", f"{self.method} uses no path", "--method near-path, or leave --path out")
+        if self.partitions is not None and self.method != "joint-uniform":
+            self._add("partitions", f"{self.method} has no partitions", "--method joint-uniform, or leave it out")
+        if self.dense is not None and self.method not in ("joint-uniform", "near-path"):
+            self._add("dense", f"{self.method} does not choose", "--method joint-uniform or near-path, or leave it out")
+        if self.dense is not None and self.dense < max(self.n, self.held_out):
+            self._add("dense", f"{self.dense} samples are fewer than the targets", f"{10 * self.n} or so")
+        if self.station is None and (self.reflector or self.facing):
+            self._add("station", "a reflector is seen from a station", "--station X,Y,Z too")
+        if self.acceptance is not None and self.facing is None:
+            self._add("acceptance", "is an angle about the reflector's direction", "--facing x,y,z too")
+        if self.near is not None and self.joints is not None:
+            self._add("near", "joint ranges have one posture for each target", "leave --near out")
+        self.raise_all()
+
+    def region(self, robot: RobotFile) -> TaskWorkspace | JointRanges | None:
+        """The region; None where its text has an error, which is then noted."""
+        import numpy as np
+
+        from cellctl.planning import JointRanges, TaskWorkspace
+
+        if self.joints is not None:
+            ends = self._ranges("joints", self.joints, robot.n)
+            return None if ends is None else self._made("joints", lambda: JointRanges(*np.array(ends).T))
+        box = self._ranges("box", self.box or "", 3)
+        angles = self._ranges("angles", self.angles or "", 3)
+        if box is None or angles is None:
+            return None
+        return self._made("box", lambda: TaskWorkspace.of([*box, *angles]))
+
+    def options(self, robot: RobotFile) -> TargetOptions | None:
+        """What rejects a target, and the method's own settings; None where a text has an error."""
+        import numpy as np
+
+        from cellctl.formats.targets import read_path
+        from cellctl.planning import TargetOptions
+
+        near = None if self.near is None else self._numbers("near", self.near, robot.n)
+        sight = self._sight(robot) if self.station else None
+        try:
+            path = read_path(self.path) if self.path else None
+        except InputError as error:
+            self.problems += error.problems
+            return None
+        posture = None if near is None else np.array(near)
+        return TargetOptions(posture, self.dense, self.partitions, path, sight=sight, floor=self.floor)
+
+    def raise_all(self) -> None:
+        """Raise InputError with every error noted."""
+        if self.problems:
+            raise InputError(self.problems)
+
+    def _sight(self, robot: RobotFile) -> Sight | None:
+        import numpy as np
+
+        from cellctl.planning import Sight
+
+        station = self._numbers("station", self.station or "", 3)
+        reflector = self._numbers("reflector", self.reflector, 3) if self.reflector else robot.tool.xyz
+        facing = self._numbers("facing", self.facing, 3) if self.facing else [0.0, 0.0, 1.0]
+        acceptance = ACCEPTANCE_DEG if self.acceptance is None else self.acceptance
+        if not 0.0 < acceptance < 90.0:
+            self._add("acceptance", f"{acceptance:g}° is no half angle of a reflector", "between 0 and 90")
+        if facing is not None and not any(facing):
+            self._add("facing", "0,0,0 is no direction", "a vector in the flange frame")
+        if station is None or reflector is None or facing is None or not any(facing):
+            return None
+        angle = acceptance if self.facing else FACES_ANYWHERE_DEG
+        return Sight(np.array(station), np.array([reflector]), np.array([facing]), acceptance=angle)
+
+    def _made(self, name: str, make: Callable[[], _Read]) -> _Read | None:
+        try:
+            return make()
+        except ValueError as error:
+            self._add(name, str(error), "lower:upper for each, in mm and degrees")
+            return None
+
+    def _ranges(self, name: str, text: str, count: int) -> list[tuple[float, float]] | None:
+        """`count` ranges `lower:upper`; one number is a constant."""
+        parts = [part.split(":") for part in text.split(",")]
+        ends = [tuple(map(_number, part if len(part) > 1 else part * 2)) for part in parts]
+        if len(ends) == count and all(len(pair) == 2 and None not in pair for pair in ends):
+            return [(float(low or 0.0), float(high or 0.0)) for low, high in ends]
+        self._add(name, f"'{text}' is not {count} ranges", ",".join(["lower:upper"] * count))
+        return None
+
+    def _numbers(self, name: str, text: str, count: int) -> list[float] | None:
+        found = [_number(part) for part in text.split(",")]
+        if len(found) == count and None not in found:
+            return [float(value or 0.0) for value in found]
+        self._add(name, f"'{text}' is not {count} numbers", "numbers separated by commas")
+        return None
+
+    def _add(self, name: str, what: str, cure: str) -> None:
+        self.problems.append(option(name, what, cure))
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
 
 _RANGES = "lower:upper for each, separated by commas; one number is a constant"
 
@@ -68,7 +221,7 @@ def plan(
         floor,
     )  # fmt: skip
     asked.refuse()
-    from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
+    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
     from cellctl.files import write_atomically
     from cellctl.formats.targets import targets_text
 

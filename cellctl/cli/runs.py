@@ -1,9 +1,10 @@
-"""`cellctl runs` and `cellctl show`: list and show runs, from the journals alone."""
+"""`cellctl runs`, `show`, `report`, `export`, `replay`: what is done with recorded runs, from their folders alone."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, final
 
 import typer
 
@@ -11,6 +12,7 @@ from cellctl.cli import arguments
 
 if TYPE_CHECKING:
     from cellctl.journal import RunState
+    from cellctl.operations.replay import ArtefactReplay, Replay, StepReplay
 
 _COLUMNS = ["run", "began", "state", "points", "verdict", "table"]
 _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
@@ -34,7 +36,7 @@ def runs(
 
     Example: cellctl runs --search "sphere 925185" --verdict better
     """
-    from cellctl.cli.outputs import refuse_outputs, write_json
+    from cellctl.cli.arguments import refuse_outputs, write_json
     from cellctl.operations.run_list import RunFilter, run_rows
 
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
@@ -64,7 +66,7 @@ def show(
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
-    from cellctl.cli.outputs import refuse_outputs, write_json
+    from cellctl.cli.arguments import refuse_outputs, write_json
     from cellctl.journal import fold, read_journal, run_place
     from cellctl.operations.run_list import run_summary
 
@@ -79,7 +81,7 @@ def show(
     write_json(summary, json_)
     if json_ == "-":
         return
-    for line in _lines(summary, state):
+    for line in _run_lines(summary, state):
         typer.echo(line)
     if events:
         for entry in entries:
@@ -87,8 +89,8 @@ def show(
 
 
 def _compare(a: Path, b: Path, json_: str | None) -> None:
+    from cellctl.cli.arguments import write_json
     from cellctl.cli.compared_words import compared_words
-    from cellctl.cli.outputs import write_json
     from cellctl.operations.comparing_runs import compare_runs
 
     found = compare_runs(a, b)
@@ -103,7 +105,7 @@ def _aligned(rows: list[list[str]]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
+def _run_lines(summary: dict[str, Any], state: RunState) -> list[str]:
     lines = [
         f"{summary['run']}: {summary['state']}",
         f"  procedure  {summary['procedure']}",
@@ -125,3 +127,210 @@ def _lines(summary: dict[str, Any], state: RunState) -> list[str]:
     if summary["problem"]:
         lines += [f"  ended by   {summary['problem']}", f"  cure       {summary['cure']}"]
     return lines
+
+
+def report(
+    run: arguments.Run,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", "--output", help="Output file. Default: report.html in the run folder."),
+    ] = None,
+    customer: Annotated[str | None, typer.Option(help="Customer, in place of the cell file's.")] = None,
+    site: Annotated[str | None, typer.Option(help="Site, in place of the cell file's.")] = None,
+    order: Annotated[str | None, typer.Option(help="Order, in place of the cell file's.")] = None,
+    operator: Annotated[str | None, typer.Option(help="Operator, in place of the recorded name.")] = None,
+    limit: Annotated[
+        float | None, typer.Option(help="Acceptance limit of an error, mm, in place of the cell file's.")
+    ] = None,
+    runs: arguments.Runs = Path("runs"),
+    json_: arguments.Json = None,
+) -> None:
+    """Write the calibration report of a run again, as HTML that prints on A4.
+
+    Made from the journal, data set, model and table in the run folder. Two pages hold what a manager needs: parties,
+    robot, instruments, environment, verdict, acceptance and uncertainty budget. The rest is for a metrologist.
+
+    Example: cellctl report sphere_selfcal-20261121T192433Z --customer ACME --limit 0.2 -o report.html
+    """
+    from cellctl.cli.arguments import refuse_outputs, write_json
+    from cellctl.journal import run_place
+    from cellctl.report import FILE_NAME, write_report
+
+    place = run_place(run, runs)
+    refuse_outputs(
+        {"--out": out, "--json": json_}, [place, *(file for file in place.glob("*") if file.name != FILE_NAME)]
+    )
+    if limit is not None and not 0.0 < limit < float("inf"):
+        raise typer.BadParameter("--limit is a length in mm, above 0")
+    stated = {"customer": customer, "site": site, "order": order, "operator": operator, "limit_mm": limit}
+    written = write_report(place, out, {name: value for name, value in stated.items() if value is not None})
+    if json_ != "-":
+        typer.echo(written)
+    write_json({"run": place.name, "file": str(written)}, json_)
+
+
+@final
+class Form(StrEnum):
+    """The forms of an export, as the help lists them without loading the exports."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    JSONL = "jsonl"
+    BLUESKY = "bluesky"
+    ZIP = "zip"
+
+
+def export(
+    run: arguments.Run,
+    as_: Annotated[
+        Form,
+        typer.Option(
+            "--as",
+            help="csv, parquet: samples. jsonl: events. bluesky: event-model documents. zip: everything of the run.",
+        ),
+    ] = Form.ZIP,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="Output file. Default: RUN-samples.csv, RUN-run.zip … in this folder."),
+    ] = None,
+    runs: arguments.Runs = Path("runs"),
+    json_: arguments.Json = None,
+) -> None:
+    """Export a run: its samples as CSV or Parquet, its events as JSON lines or bluesky documents, or all in one zip.
+
+    The run may be running, aborted or damaged: what can be read is exported, the rest is named (exit code 2).
+
+    Example: cellctl export sphere_selfcal-20261121T192433Z --as csv -o samples.csv
+    """
+    from cellctl.cli.arguments import refuse_outputs, write_json
+    from cellctl.files import write_atomically
+    from cellctl.journal import journal_in, run_place
+    from cellctl.operations import export as exports
+
+    place, form = run_place(run, runs), exports.Form(as_.value)
+    folder = journal_in(place).parent
+    target = out or Path(f"{folder.resolve().name}-{form.file_name}")
+    refuse_outputs({"--out": target, "--json": json_}, [place, *folder.glob("*")])
+    found = exports.export_run(place, form)
+    write_atomically(target, found.content)
+    counts = {"samples": found.samples, "events": found.events}
+    result = {"run": folder.resolve().name, "form": form.value, "file": str(target), **counts}
+    write_json({**result, "missing": list(found.missing)}, json_)
+    if json_ != "-":
+        typer.echo(f"{target}: {found.samples} samples, {found.events} events")
+    found.refuse_missing(place, target)
+
+
+_SHOWN = 5
+"""Maximum number of differences shown for a step; `--json` has all."""
+
+_SHORT = 12
+"""Number of characters shown of a hash."""
+
+
+def replay(
+    run: arguments.Run,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Write the files that were computed again into this folder.")
+    ] = None,
+    runs: arguments.Runs = Path("runs"),
+    json_: arguments.Json = None,
+) -> None:
+    """Compute a run's data set, model and table again from its journal alone; say what differs, and why.
+
+    Another processor or library changes the last digits: that is stated, and is no failure.
+
+    Example: cellctl replay sphere_selfcal-20261121T192433Z -o again
+    """
+    from cellctl.cli.arguments import refuse_outputs, write_json
+    from cellctl.journal import run_place
+    from cellctl.operations.replay import Agreement, replay_run
+
+    place = run_place(run, runs)
+    refuse_outputs({"--json": json_}, [place, *place.glob("*")])
+    _refuse_folder(out, place)
+    found = replay_run(place, lambda step: typer.echo(f"computing {step} …", err=True))
+    if out:
+        _write(found, out)
+    write_json(found.to_json(), json_)
+    if json_ != "-":
+        for line in _replay_lines(found):
+            typer.echo(line)
+    raise typer.Exit(1 if found.agreement is Agreement.DIFFERENT else 0)
+
+
+def _refuse_folder(out: Path | None, run: Path) -> None:
+    """Raise InputError if the replayed files would replace those of the run, or the folder cannot exist."""
+    from cellctl.files import InputError, Problem
+
+    if out is None:
+        return
+    if out.exists() and not out.is_dir():
+        raise InputError(Problem(str(out), 0, 0, "is no folder", "give a folder with --out"))
+    folder = run if run.is_dir() else run.parent
+    if out.resolve() == folder.resolve():
+        what = "is the run folder: its files would be written over"
+        raise InputError(Problem(str(out), 0, 0, what, "give another folder with --out"))
+
+
+def _write(found: Replay, out: Path) -> None:
+    from cellctl.files import write_atomically
+
+    out.mkdir(parents=True, exist_ok=True)
+    for name, content in found.contents.items():
+        write_atomically(out / name, content)
+
+
+def _replay_lines(found: Replay) -> list[str]:
+    from cellctl.operations.replay import TOLERANCE, Agreement
+
+    lines = [f"{found.run}: {len(found.steps)} computing steps, computed again from the journal"]
+    lines += [f"  changed since the run: {text}" for text in found.changed]
+    width = max((len(name) for name in (*(a.name for a in found.artefacts), *(s.step for s in found.steps))), default=0)
+    lines += [line for each in found.artefacts for line in _artefact_lines(each, width)]
+    lines += [line for each in found.steps for line in _step_lines(each, width)]
+    whole = {
+        Agreement.EXACT: "equal",
+        Agreement.WITHIN_TOLERANCE: f"{found.agreement}: {TOLERANCE}",
+        Agreement.DIFFERENT: "not equal: see above",
+    }[found.agreement]
+    return [*lines, f"Data set, model, table and results: {whole}." if found.steps else "There is nothing to compare."]
+
+
+def _artefact_lines(each: ArtefactReplay, width: int) -> list[str]:
+    from cellctl.operations.replay import Agreement, FolderFile
+
+    if each.agreement is Agreement.WITHIN_TOLERANCE:
+        return [f"{each.name:{width}}  equal within the tolerance"]
+    if not each.replayed_equal:
+        text = f"differs: {_hash(each.recorded)} → {_hash(each.replayed)}"
+    elif each.folder is FolderFile.CHANGED:
+        text = f"equal to the journal ({_hash(each.recorded)}), but not to the file in the run folder"
+    else:
+        text = f"equal ({_hash(each.recorded)})"
+    if each.folder is FolderFile.MISSING:
+        text += "; not in the run folder"
+    if each.folder is FolderFile.REPLACED:
+        text += f"; of {each.step}, attempt {each.attempt}, and written again later"
+    return [f"{each.name:{width}}  {text}", *_details([str(each.first)] if each.first else [], each.why)]
+
+
+def _step_lines(each: StepReplay, width: int) -> list[str]:
+    from cellctl.operations.replay import Agreement
+
+    rows = f" and {each.rows} row{'s' * (each.rows > 1)}" if each.rows else ""
+    attempt = f", attempt {each.attempt}" if each.attempt > 1 else ""
+    if each.agreement is not Agreement.DIFFERENT:
+        within = " within the tolerance" * (each.agreement is Agreement.WITHIN_TOLERANCE)
+        return [f"{each.step:{width}}  result{rows} equal{within}{attempt}"]
+    more = len(each.differences) - _SHOWN
+    shown = [*each.differences[:_SHOWN], *([f"and {more} more differences"] if more > 0 else [])]
+    return [f"{each.step:{width}}  result{rows} differ{'s' * (not each.rows)}{attempt}:", *_details(shown, each.why)]
+
+
+def _details(differences: list[str], why: tuple[str, ...]) -> list[str]:
+    return [*(f"    {text}" for text in differences), *(f"    why: {text}" for text in why)]
+
+
+def _hash(sha256: str | None) -> str:
+    return f"sha256 {sha256[:_SHORT]}" if sha256 else "not made"

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cellctl.cli import arguments
+from cellctl.cli.arguments import refuse_outputs
 from cellctl.cli.ends import Exit, adding
-from cellctl.cli.outputs import refuse_outputs
-from cellctl.cli.table_diff import diff
-from cellctl.cli.table_history import history
-from cellctl.cli.table_options import Runs, State, recorded, show_result
+from cellctl.cli.table_history import Runs, State, diff, history, recorded, show_result
 
 if TYPE_CHECKING:
     from cellctl.devices import TableStore
@@ -39,7 +37,7 @@ def push(
 
     Example: cellctl table push table.json --cell sphere_cell
     """
-    from cellctl.cli.table_words import in_force_words
+    from cellctl.cli.table_output import in_force_words
     from cellctl.formats import TableFile
     from cellctl.operations.table import TableCell, push_checked
 
@@ -74,7 +72,7 @@ def show(
 
     Example: cellctl table show table.json
     """
-    from cellctl.cli.table_words import state_words, table_words
+    from cellctl.cli.table_output import state_words, table_words
     from cellctl.operations.table import TableCell, state_of
     from cellctl.operations.table_history import table_named
 
@@ -149,7 +147,7 @@ def rollback(
 
     Example: cellctl table rollback --cell sphere_cell --to 9856401189b3
     """
-    from cellctl.cli.table_words import in_force_words, state_words
+    from cellctl.cli.table_output import in_force_words, state_words
     from cellctl.operations.table import TableCell, push_recorded, roll_back, state_of
 
     refuse_outputs({"--json": json_}, [cell, state])
@@ -184,7 +182,7 @@ def export(
 
     Example: cellctl table export table.json --krl -o krc
     """
-    from cellctl.cli.table_export import export_csv, export_krl, refuse_export
+    from cellctl.cli.table_output import export_csv, export_krl, refuse_export
     from cellctl.formats import TableFile
 
     refuse_export(table, krl, csv, out, json_)

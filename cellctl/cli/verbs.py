@@ -12,25 +12,14 @@ from typer.core import TyperGroup
 
 from cellctl import __version__
 from cellctl.cli.analyse import analyse
-from cellctl.cli.check import check
+from cellctl.cli.cell import console, doctor, krl, sim
 from cellctl.cli.compensate import compensate
-from cellctl.cli.console import console
-from cellctl.cli.convert import convert
-from cellctl.cli.doctor import doctor
+from cellctl.cli.convert import convert, import_data, robots
 from cellctl.cli.ends import Interrupted
-from cellctl.cli.export import export
-from cellctl.cli.fit import fit
-from cellctl.cli.import_data import import_data
-from cellctl.cli.krl import krl
-from cellctl.cli.operate import abort, acknowledge, confirm, continue_, pause, status
+from cellctl.cli.fit import fit, predict
 from cellctl.cli.plan import plan
-from cellctl.cli.predict import predict
-from cellctl.cli.replay import replay
-from cellctl.cli.report import report
-from cellctl.cli.robots import robots
-from cellctl.cli.run import run
-from cellctl.cli.runs import runs, show
-from cellctl.cli.sim import sim
+from cellctl.cli.run import abort, acknowledge, check, confirm, continue_, pause, run, status
+from cellctl.cli.runs import export, replay, report, runs, show
 from cellctl.cli.table import app as table
 
 for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: more linear algebra threads only add waiting

@@ -8,7 +8,7 @@ import pytest
 from cell_runs import UNHURRIED, cell_with, run_here, touches_procedure
 
 from cellctl.cli.ends import Exit
-from cellctl.cli.run_end import exit_of, show_end
+from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.engine import State
 from cellctl.operations.run_folder import result_of
 

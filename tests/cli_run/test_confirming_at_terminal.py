@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from engine_runs import CALLS, engine_for, events_of
 
-from cellctl.cli.confirming import ConfirmingAtTerminal
+from cellctl.cli.run_progress import ConfirmingAtTerminal
 from cellctl.engine import NobodyWatching, State
 from cellctl.journal import OperatorAction
 

@@ -13,7 +13,7 @@ import pytest
 
 from cellctl.cli import ends
 from cellctl.cli.ends import Exit
-from cellctl.cli.run_end import exit_of, show_end
+from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
 from cellctl.engine import Aborted, AbortedByInterlock, Outcome, State

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from cell_runs import ROOT, Ended, faults, run_here
 
-from cellctl.cli.run_end import exit_of, show_end
+from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.engine import Mailbox, NobodyWatching, Outcome
 from cellctl.journal import RunState, fold, read_journal
 from cellctl.operations.campaign import load_campaign

@@ -138,7 +138,7 @@ def test_a_path_file_that_is_no_path_is_refused(cellctl, capsys):
 
 
 def test_the_command_line_knows_the_methods_of_the_mathematics():
-    from cellctl.cli import plan_options
+    from cellctl.cli import plan
     from cellctl.planning import METHODS
 
-    assert plan_options.METHODS == METHODS
+    assert plan.METHODS == METHODS

@@ -13,7 +13,7 @@ from cellctl.calibration import Effect, Parameter, Split, Unit, effects, fit
 from cellctl.calibration.effects import EFFECTS
 from cellctl.calibration.model.parameter import Phrase
 from cellctl.calibration.model.postures import varies
-from cellctl.cli.predict import predict
+from cellctl.cli.fit import predict
 from cellctl.files import InputError
 from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
 from cellctl.report.fit import FitStory, write_fit_page

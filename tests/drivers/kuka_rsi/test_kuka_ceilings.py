@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from cell_runs import CELL, ROOT, SELFCAL, cell_with
 
-from cellctl.cli.check import check
+from cellctl.cli.run import check
 from cellctl.cli.run import run as run_command
 from cellctl.clock import WallClock
 from cellctl.devices import Address, DeviceUnreachable

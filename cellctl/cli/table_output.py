@@ -1,12 +1,47 @@
-"""`cellctl table export`: writes the files, and the text that says where they go."""
+"""A compensation table as text on the terminal, and as files with the text that says where they go."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from cellctl.formats import TableFile
+from cellctl.formats import TableFile
+from cellctl.formats.table import JOINT_DECIMALS
+from cellctl.formats.table_making import table_figures
+
+
+def state_words(state: dict[str, Any]) -> str:
+    """The tables of controller `serial`, one line each."""
+    lines = [f"Controller {state['serial']}:"]
+    for name, words in (("active", "in force"), ("previous", "before it"), ("staged", "staged")):
+        info = state[name]
+        lines.append(f"  {words:9}  " + (f"{info['id'][:12]}, {info['rows']} rows" if info else "none"))
+    return "\n".join(lines)
+
+
+def in_force_words(pushed: dict[str, Any]) -> str:
+    """The result of a push."""
+    return f"Table {pushed['id'][:12]} is in force on {pushed['serial']}: {pushed['rows']} rows, read back."
+
+
+def table_words(table: TableFile) -> str:
+    """A table file in a few lines."""
+    figures = table_figures(table)
+    before, after, sigma = (figures[name] for name in ("predicted_before_mm", "predicted_after_mm", "sigma_mm"))
+    kind = "a simulated" if table.simulated else "a real"
+    return "\n".join(
+        [
+            f"Table {table.id}",
+            f"  for        {table.robot.name}, {kind} controller, serial {table.robot.serial}",
+            f"  made       {table.created}, {table.source.method}, run {table.source.run or '-'}",
+            f"  rows       {figures['rows']}, joints corrected by up to {figures['max_correction_deg']:.3f}°",
+            f"  predicted  error {before['mean']:.3f} mm with nominal joints, {after['mean']:.4f} with these (mean)",
+            f"  joints     with {JOINT_DECIMALS} decimals of a degree, as the controller takes them",
+            "  σ          "
+            + (f"{sigma['rms']:.3f} mm (RMS), {sigma['max']:.3f} mm (max)" if sigma else "none: of another predictor"),
+        ]
+    )
+
 
 _PLACES = """\
 {files} in {folder}: table {id}, {rows} rows, for {robot}, serial {serial}.
@@ -21,7 +56,7 @@ _SIMULATED = "  SIMULATED   The table is of a simulated robot: both routines sto
 
 def refuse_export(table: Path, krl: bool, csv: bool, out: Path | None, json_: str | None) -> None:
     """Raise InputError for options that contradict each other, or an output that cannot be written."""
-    from cellctl.cli.outputs import refuse_json_on_stdout, refuse_outputs
+    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs
     from cellctl.files import InputError, Problem
 
     if krl == csv:
@@ -59,7 +94,7 @@ def export_krl(table: TableFile, folder: Path) -> tuple[dict[str, Any], str]:
 
 def export_csv(table: TableFile, out: Path | None) -> tuple[dict[str, Any], str]:
     """Write the targets as CSV to `out` or stdout; the result, and words for a file."""
-    from cellctl.cli.outputs import to_stdout
+    from cellctl.cli.arguments import to_stdout
     from cellctl.files import write_atomically
     from cellctl.formats.table_export import targets_csv
 
