@@ -1,28 +1,128 @@
-"""Identified robots."""
+"""Identified robots: predictions of their TCP, and their forms for other programs and controllers."""
 
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, final
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, final
 
-from cellctl.facade.arrays import refused
-from cellctl.facade.exports import Form, export, refuse_convention
-from cellctl.files import write_atomically
-from cellctl.formats import ModelFile
+from cellctl.facade.frames import by_index, columns_of, data_set_of, frame_of, is_frame, postures, refused
+from cellctl.files import InputError, write_atomically
+from cellctl.formats import DataSet, ModelFile
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from cellctl.error_maps import ErrorMap
-    from cellctl.facade.predictions import Prediction
-    from cellctl.facade.programs import CompensatedProgram
-    from cellctl.facade.robots import Robot
-    from cellctl.facade.targets import Compensation
-    from cellctl.kinematics import Floats
+    from cellctl.facade.fits import Robot
+    from cellctl.facade.targets import CompensatedProgram, Compensation
+    from cellctl.kinematics import Bools, Floats
+    from cellctl.operations.exporting import ExportOptions
     from cellctl.operations.fitting import Fitted
+    from cellctl.operations.predicting import Predicted
+
+Form: TypeAlias = Literal["mdh-hayati", "dh-craig", "poe", "urdf", "dh-csv", "ur-calibration", "kuka", "abb", "fanuc"]
+_TABLES = ("mdh-hayati", "dh-craig")
+_CONVENTIONS = (*_TABLES, "poe")
+
+
+def export(model: ModelFile, name: str, form: Form, path: str | Path | None, options: ExportOptions) -> str | bytes:
+    """The content of the file, written to `path` if given. Warns of what the form cannot hold, with the distance that
+    this costs. name: of the model in errors. Raises InputError where the model has no such form; OSError.
+    """
+    from cellctl.operations.exporting import exported, model_source
+
+    made = exported(model_source(model, name), form, options)
+    for line in made.lines():
+        warnings.warn(line, stacklevel=4)
+    if path is not None:
+        write_atomically(Path(path), made.content)
+    return made.content
+
+
+def refuse_convention(convention: str, *, table: bool) -> None:
+    """Raise InputError if `convention` is none of a robot file (table: of a DH table)."""
+    known = _TABLES if table else _CONVENTIONS
+    if convention not in known:
+        raise refused("convention", f"'{convention}' is not known", f"one of: {', '.join(known)}")
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction:
+    """Predicted TCPs of N postures, in the model's frame (the instrument's, or that of the touched spheres).
+
+    joints (N, n): controller readings, deg. poses (N, 4, 4), positions (N, 3): mm. sigma_mm (N,): 1 σ, 3-D, in the
+    `frame` that was asked for; the same in both where an instrument measured.
+    sigma_among_mm (N,): 1 σ relative to each other, without common rigid motions; NaN for fewer than four postures.
+    inside (N,): within the measured region; outside it the model extrapolates, with a larger σ.
+    """
+
+    joints: Floats
+    poses: Floats
+    sigma_mm: Floats
+    sigma_among_mm: Floats
+    inside: Bools
+    _rows: Predicted
+
+    @property
+    def positions(self) -> Floats:
+        """TCP positions (N, 3), mm."""
+        return self.poses[:, :3, 3]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def to_dict(self) -> dict[str, NDArray[Any]]:
+        """The columns of `cellctl predict`: A1…An (deg), X, Y, Z (mm), A, B, C (deg), sigma, sigma_among (mm), seen."""
+        return columns_of(self._rows.records())
+
+    def to_frame(self) -> Any:
+        """The same as a pandas DataFrame."""
+        return frame_of(self.to_dict())
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the file that `cellctl predict -o` writes. Raises OSError."""
+        write_atomically(Path(path), self._rows.text())
+
+    def __repr__(self) -> str:
+        return f"<cellctl prediction: {len(self)} postures, {int((~self.inside).sum())} outside the measured region>"
+
+    def _repr_html_(self) -> str:
+        from cellctl.facade.views import prediction_view
+
+        return prediction_view(self)
+
+
+def predicted(model: ModelFile, q: Any, frame: str) -> Prediction:
+    """See `Model.predict`."""
+    import numpy as np
+
+    from cellctl.operations.predicting import predict_rows
+
+    try:
+        found = predict_rows(model, _joints(model, q), frame=frame)
+    except InputError as error:
+        if isinstance(q, str | Path):
+            raise
+        raise by_index(error) from error
+    for words in found.assumed:
+        warnings.warn(words, stacklevel=3)
+    among = found.sigma_among_mm if found.sigma_among_mm is not None else np.full(len(found.poses), np.nan)
+    return Prediction(found.readings, found.poses, found.sigma_mm, among, found.inside, found)
+
+
+def _joints(model: ModelFile, q: Any) -> DataSet:
+    if isinstance(q, str | Path):
+        return DataSet.load(Path(q))
+    if is_frame(q) or isinstance(q, Mapping):
+        return data_set_of(q, "q")
+    names = [f"A{number}" for number in range(1, model.robot.n + 1)]
+    rows = postures(q, model.robot.n).tolist()
+    return DataSet.of_records([dict(zip(names, row, strict=True)) for row in rows], "q")
 
 
 @final
@@ -47,7 +147,7 @@ class Model:
     @property
     def robot(self) -> Robot:
         """The nominal robot."""
-        from cellctl.facade.robots import robot
+        from cellctl.facade.fits import robot
 
         return robot(self.file.robot)
 
@@ -75,7 +175,6 @@ class Model:
         is of the TCP in the robot's `base`, or, for a model from touches, relative to the touched `points`, as in
         `compensate`. Touches do not determine the base's heading and height.
         """
-        from cellctl.facade.predictions import predicted
 
         return predicted(self.file, q, frame)
 
@@ -83,7 +182,7 @@ class Model:
         """Poses (N, 4, 4), mm, in the model's frame, that the nominal robot would reach at controller readings `q`
         (N, n), deg: the targets of a program of joint positions. Base and tool are those from which the model counts.
         """
-        from cellctl.facade.arrays import postures
+        from cellctl.facade.frames import postures
         from cellctl.formats.table_making import nominal_chain
 
         return nominal_chain(self.file).forward(self.file.robot.joint_map().model(postures(q, self.file.robot.n)))
@@ -152,7 +251,7 @@ class Model:
 
         Raises InputError if no point can be changed, with all reasons.
         """
-        from cellctl.facade.programs import CompensatedProgram, frame_text
+        from cellctl.facade.targets import CompensatedProgram, frame_text
         from cellctl.operations.program_compensation import ProgramOptions
 
         configured = Path(config) if config is not None else None

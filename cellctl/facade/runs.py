@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
-from cellctl.facade.data_sets import Data
+from cellctl.facade.fits import Data
 from cellctl.facade.models import Model
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import TableFile

@@ -17,13 +17,10 @@ from cellctl.report.drawing import ACCENT, BEFORE, millimetres, svg_of
 from cellctl.report.figures import fit_lines
 
 if TYPE_CHECKING:
-    from cellctl.facade.data_sets import Data
-    from cellctl.facade.models import Model
-    from cellctl.facade.predictions import Prediction
-    from cellctl.facade.programs import CompensatedProgram
-    from cellctl.facade.robots import Robot
+    from cellctl.facade.fits import Data, Robot
+    from cellctl.facade.models import Model, Prediction
     from cellctl.facade.runs import Run
-    from cellctl.facade.targets import Compensation
+    from cellctl.facade.targets import CompensatedProgram, Compensation
     from cellctl.kinematics import Floats
     from cellctl.operations.fitting import Fitted
     from cellctl.report import Run as Content
