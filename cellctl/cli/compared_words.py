@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from cellctl.report.numbers import fixed, with_sigma
+from cellctl.report.figures import fixed, with_sigma
 
 if TYPE_CHECKING:
     from cellctl.operations.comparing_models import ModelDifference, ParameterChange

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from cellctl.records import PASSED
-from cellctl.report.distributions import before_and_after
-from cellctl.report.drawing import ACCENT, BEFORE, millimetres, svg_of
+from cellctl.report.drawing import ACCENT, BEFORE, before_and_after, millimetres, svg_of
 from cellctl.report.figures import fit_lines
 
 if TYPE_CHECKING:

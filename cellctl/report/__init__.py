@@ -1,10 +1,8 @@
 """Reports a run as one self-contained HTML page, built from its folder alone: the same run gives the same bytes."""
 
-from cellctl.report.budget import Contribution
-from cellctl.report.page import FILE_NAME, render, report_text, write_report
+from cellctl.report.budget import Contribution, Sigma
+from cellctl.report.page import FILE_NAME, ReportSection, Sections, render, report_text, template_text, write_report
 from cellctl.report.run import Run
-from cellctl.report.section import ReportSection, Sections, template_text
-from cellctl.report.sigmas import Sigma
 
 __all__ = [
     "FILE_NAME",

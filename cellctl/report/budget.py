@@ -1,4 +1,4 @@
-"""The uncertainty budget: contributions of type A and B, combined, with the coverage of the result.
+"""The uncertainty budget, the decision on an acceptance limit by it, and the table that explains every σ of a page.
 
 Type A: from the statistics of this run; type B: from other knowledge (JCGM 100:2008, 4.2 and 4.3).
 """
@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Self, final
+from typing import Final, Literal, Self, final
+
+from cellctl.report.run import Run
 
 NOT_STATED = "not stated"
 
@@ -100,3 +102,138 @@ def scatter_of_fit(measure: str, rms_mm: float, rows: int, rank: int) -> tuple[f
     numbers = rows * _NUMBERS.get(measure, 3)
     free = numbers - rank
     return (rms_mm * math.sqrt(numbers / free), free) if free > 0 else None
+
+
+RULE: Final = (
+    "ISO 14253-1, with the expanded uncertainty U (95 %) of a measured error as guard band: accepted if the greatest "
+    "error plus U is within the limit; rejected if the greatest error less U is beyond it; otherwise neither is proved."
+)
+
+
+NO_DECISION: Final = "no decision"
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """word: `accepted`, `rejected` or `no decision`; reason: in a sentence. greatest_mm: the greatest error, if any."""
+
+    word: str
+    reason: str
+    greatest_mm: float | None = None
+
+    @property
+    def decided(self) -> bool:
+        """Whether it is accepted or rejected."""
+        return self.word != NO_DECISION
+
+    @classmethod
+    def of(cls, run: Run, limit_mm: float | None, budget: Budget | None) -> Self:
+        """By RULE."""
+        verdict = run.verdict
+        greatest = verdict.after.max if verdict and verdict.after and run.word == "finished" else None
+        if limit_mm is None:
+            return cls(NO_DECISION, "No acceptance limit is stated.", greatest)
+        if greatest is None:
+            return cls(NO_DECISION, "The run has no measured error after calibration.")
+        if budget is None:
+            return cls(
+                NO_DECISION, "The run identified no model: the uncertainty of its errors is not known.", greatest
+            )
+        return cls(*_compared(greatest, budget.expanded_mm[0], limit_mm), greatest)
+
+
+def _compared(greatest_mm: float, expanded_mm: float, limit_mm: float) -> tuple[str, str]:
+    if greatest_mm + expanded_mm <= limit_mm:
+        return "accepted", "The greatest error plus U is within the limit."
+    if greatest_mm - expanded_mm > limit_mm:
+        return "rejected", "The greatest error less U is beyond the limit."
+    return NO_DECISION, "The greatest error is nearer to the limit than U: neither is proved."
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Sigma:
+    """A σ by its name on the page: its contents, its computation, and its level (1 σ, or the share covered)."""
+
+    name: str
+    covers: str
+    how: str
+    level: str
+
+
+FIGURES = (
+    Sigma("mean ± u", "the mean of n errors", "s/√n from the scatter s of the errors", "1 σ"),
+    Sigma(
+        "predicted, in the table of errors",
+        "the RMS error of the same rows: model and measurement together",
+        "from the covariance of the parameters and the σ of the rows",
+        "1 σ; of points and poses 3-D",
+    ),
+)
+"""Those of the table of errors at the top of a page."""
+
+IDENTIFICATION = (
+    Sigma(
+        "assumed σ",
+        "one parameter, before the data: how far such robots are from their nominal values",
+        "robot file, default, or the covariance of the prior model",
+        "1 σ",
+    ),
+    Sigma(
+        "deviation ± σ",
+        "one parameter, after the data",
+        "covariance of the fit, from the rows and the assumed σ; scaled by the scatter that was found",
+        "1 σ",
+    ),
+    Sigma(
+        "σ of X, Y, Z, a zero, an offset",
+        "one coordinate of a base, tool, sphere or socket; one length",
+        "covariance of the fit",
+        "1 σ for each coordinate",
+    ),
+    Sigma(
+        "σ of A, B, C, of a tilt",
+        "the rotation as a whole",
+        "root of the sum of the variances about the axes",
+        "1 σ, all axes together",
+    ),
+    Sigma(
+        "1 σ of the TCP; 1 σ over the joints, in the verdict",
+        "the position that the model predicts, as `cellctl predict` states it; without the scatter of a measurement",
+        "root of the sum of the three variances of X, Y, Z: covariance of the parameters, open variance of the "
+        "residual models, scatter of errors too fast for the model, doubt outside the measured joints",
+        "1 σ, 3-D. Not 95 %: if alike in all directions, 95 % of the errors are within 1.61 times this value",
+    ),
+    Sigma(
+        "σ after, in the table of postures",
+        "the same, of points among themselves, with that posture and those above it measured",
+        "covariance that the fit would have then; the rest as above",
+        "1 σ, 3-D",
+    ),
+    Sigma(
+        "predicted σ of a residual",
+        "one number of a row: measurement and model for held-out rows, measurement less model for rows of the fit",
+        "σ² + JCJᵀ for held-out rows, σ² − JCJᵀ for rows of the fit",
+        "1 σ; ±1.96 σ is 95 % of one number",
+    ),
+    Sigma(
+        "95 % region of a held-out row",
+        "all numbers of the row together",
+        "interval or ellipsoid of the same covariance, with the tails that folds of the fit's rows show",
+        "95 %",
+    ),
+    Sigma(
+        "mean of neighbouring rows ± 2 standard errors",
+        "the line in the pictures of residuals",
+        "from the scatter of the rows in a bin",
+        "2 σ, about 95 %",
+    ),
+    Sigma(
+        "gain ± standard error; drift ± standard error",
+        "a difference between two models; a slope over the rows",
+        "from the scatter of the paired errors; of the residuals about the line",
+        "1 σ",
+    ),
+)
+"""Those of the sections about an identification."""

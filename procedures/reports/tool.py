@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellctl.report import ReportSection, Run
+from cellctl.report.budget import Sigma
 from cellctl.report.drawing import ACCENT, BEFORE, FAINT, INK, svg_of
-from cellctl.report.numbers import fixed
-from cellctl.report.sigmas import Sigma
+from cellctl.report.figures import fixed
 from procedures.steps.tool.rows import ToolErrorsRow, ToolVerdict
 
 

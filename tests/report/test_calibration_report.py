@@ -13,8 +13,7 @@ from cellctl.cli.ends import Exit
 from cellctl.cli.verbs import app
 from cellctl.records import Figures
 from cellctl.report import Contribution, Run, render, report_text
-from cellctl.report.acceptance import Decision
-from cellctl.report.budget import Budget, scatter_of_fit
+from cellctl.report.budget import Budget, Decision, scatter_of_fit
 
 NOISE_MM = 0.01
 """Of the touches of `campaign`, along the normal."""

@@ -7,8 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellctl.report.numbers import fixed, percent, plain, significant, with_sigma
-from cellctl.report.words import HARMLESS, OTHERWISE, mean_with_uncertainty, reasons
+from cellctl.report.figures import (
+    HARMLESS,
+    OTHERWISE,
+    fixed,
+    mean_with_uncertainty,
+    percent,
+    plain,
+    reasons,
+    significant,
+    with_sigma,
+)
 from procedures.reports.sphere.standoff_errors import StandOffErrors
 from procedures.steps.sphere.rows import StandOffRow
 

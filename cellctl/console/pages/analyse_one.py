@@ -29,7 +29,7 @@ from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.operations import analyses
 from cellctl.operations.analyses import RESULTS, FitSettings
-from cellctl.report.numbers import fixed
+from cellctl.report.figures import fixed
 from cellctl.robots import library
 
 MODELS = {

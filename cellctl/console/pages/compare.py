@@ -18,7 +18,7 @@ from cellctl.journal import JournalError
 from cellctl.operations.failure import Failure
 from cellctl.operations.run_folder import run_named
 from cellctl.operations.run_list import RunRow, robot_serial
-from cellctl.report.numbers import fixed, with_sigma
+from cellctl.report.figures import fixed, with_sigma
 
 if TYPE_CHECKING:
     from cellctl.operations.comparing_models import ModelDifference, ParameterChange

@@ -13,7 +13,7 @@ from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
 from cellctl.console.frame import follow, frame
 from cellctl.console.look import Cell, facts, figures, look_of_verdict, numbers, section, shown_time, state_word, words
 from cellctl.console.shared import console
-from cellctl.report.numbers import fixed
+from cellctl.report.figures import fixed
 
 if TYPE_CHECKING:
     from cellctl.operations.daily_history import DailyCheck, DailyHistories, DailyHistory

@@ -33,7 +33,7 @@ from cellctl.operations.export import Form
 from cellctl.operations.replay import Agreement
 from cellctl.operations.run_folder import RunFile, run_files, run_named
 from cellctl.operations.run_list import RunRow, run_row
-from cellctl.report.numbers import fixed
+from cellctl.report.figures import fixed
 
 _REPORT = "report.html"
 _FORMS = {

@@ -14,7 +14,7 @@ from cellctl.console.frame import follow, frame
 from cellctl.console.look import COLOURS, ICONS, State, look_of_state, look_of_verdict, shown_time
 from cellctl.console.shared import console
 from cellctl.operations.run_list import RunFilter, RunRow, procedure_name, robot_serial
-from cellctl.report.numbers import fixed
+from cellctl.report.figures import fixed
 
 _NUMBER = {"align": "right", "classes": "number", "headerClasses": "number"}
 _TEXT = {"align": "left"}

@@ -32,7 +32,7 @@ from cellctl.operations.run_list import RunRow, robot_serial
 from cellctl.operations.shipped import shipped_names
 from cellctl.operations.table_actions import Action, TableRequest, refuse_confirmation
 from cellctl.operations.table_history import short, table_overview
-from cellctl.report.numbers import fixed
+from cellctl.report.figures import fixed
 
 _SHOWN = 30
 

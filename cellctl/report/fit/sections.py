@@ -8,16 +8,20 @@ import numpy as np
 
 from cellctl.kinematics import Floats
 from cellctl.records import IdentificationRow, ResidualsRow
-from cellctl.report.distributions import before_and_after
-from cellctl.report.fit import correlation as correlations
-from cellctl.report.fit.by_joint import explained, joint_pictures
-from cellctl.report.fit.by_order import drifts, order_picture
-from cellctl.report.fit.by_place import EACH, place_picture
-from cellctl.report.fit.region_picture import region_pictures
+from cellctl.report.drawing import before_and_after
+from cellctl.report.figures import fixed, percent, significant, with_sigma
+from cellctl.report.fit import parameters as correlations
+from cellctl.report.fit.by_place import EACH, SphereErrors, place_picture, sphere_maps
+from cellctl.report.fit.region import region_pictures
+from cellctl.report.fit.residual_pictures import (
+    coverage,
+    drifts,
+    explained,
+    joint_pictures,
+    order_picture,
+    scaled_picture,
+)
 from cellctl.report.fit.residuals import Residuals
-from cellctl.report.fit.scaled import coverage, scaled_picture
-from cellctl.report.maps import SphereErrors, sphere_maps
-from cellctl.report.numbers import fixed, percent, significant, with_sigma
 
 Section = dict[str, Any]
 

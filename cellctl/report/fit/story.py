@@ -12,7 +12,7 @@ import numpy as np
 from cellctl.calibration import Estimate, FitResult, Split, Task
 from cellctl.formats import Measurements, RobotFile
 from cellctl.kinematics import Floats
-from cellctl.report.conditions import conditions_of
+from cellctl.report.summary import conditions_of
 
 
 @final

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cellctl.journal import PushedTable
-from cellctl.report.numbers import plain, significant
+from cellctl.report.budget import Sigma
+from cellctl.report.figures import plain, significant
+from cellctl.report.page import ReportSection
 from cellctl.report.run import Run
-from cellctl.report.section import ReportSection
-from cellctl.report.sigmas import Sigma
 
 _COLUMNS = {
     "predicted_before_mm": "predicted error before, mm",

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from cellctl.report.figures import fit_lines
+from cellctl.report.page import ReportSection
 from cellctl.report.run import Run
-from cellctl.report.section import ReportSection
 
 _ENDS = {"failed": "failed", "aborted": "was aborted", "uncertain": "ended uncertain: a person has to look at the cell"}
 

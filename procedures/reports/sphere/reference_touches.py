@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.numbers import fixed, plain, significant, with_sigma
+from cellctl.report.figures import fixed, plain, significant, with_sigma
 from procedures.reports.sphere.run_pictures import reference_picture
 from procedures.steps.sphere.rows import DriftFigures, ReferenceRow, SphereVerdict
 

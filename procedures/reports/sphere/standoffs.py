@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from cellctl.report import Contribution, ReportSection, Run, Sigma
-from cellctl.report.distributions import before_and_after, one_by_one
-from cellctl.report.figures import error_line
-from cellctl.report.numbers import percent, significant
+from cellctl.report.drawing import before_and_after, one_by_one
+from cellctl.report.figures import error_line, percent, significant
 from procedures.reports.sphere.standoff_errors import StandOffErrors
 from procedures.steps.sphere.rows import LocateRow, ProofRow, SphereVerdict, StandOffRow
 

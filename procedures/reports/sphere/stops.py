@@ -9,7 +9,7 @@ import numpy as np
 
 from cellctl.formats import ModelFile
 from cellctl.report import ReportSection, Run
-from cellctl.report.numbers import fixed
+from cellctl.report.figures import fixed
 from procedures.reports.sphere.run_pictures import over_travel_picture
 from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
 

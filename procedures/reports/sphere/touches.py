@@ -10,8 +10,8 @@ import numpy as np
 from cellctl.calibration import ErrorFigures
 from cellctl.records import ResidualsRow
 from cellctl.report import ReportSection, Run
+from cellctl.report.figures import fixed
 from cellctl.report.fit.residuals import Residuals
-from cellctl.report.numbers import fixed
 from procedures.steps.sphere.rows import TouchRow
 
 

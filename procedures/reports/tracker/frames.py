@@ -9,7 +9,7 @@ import numpy as np
 
 from cellctl.kinematics import abc_from_rotation
 from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.numbers import significant, with_sigma
+from cellctl.report.figures import significant, with_sigma
 from procedures.steps.tracker.rows import FrameFigures, FramesRow
 
 

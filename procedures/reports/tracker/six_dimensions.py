@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cellctl.report import ReportSection, Run, Sigma
 from cellctl.report.drawing import ACCENT, HELD_OUT, millimetres, svg_of
-from cellctl.report.numbers import DASH, fixed, percent
+from cellctl.report.figures import DASH, fixed, percent
 from procedures.steps.tracker.rows import SixFigures, SixRow
 
 PUBLISHED = {

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellctl.report import Contribution, ReportSection, Run, Sigma
-from cellctl.report.numbers import fixed, significant, with_sigma
+from cellctl.report.figures import fixed, significant, with_sigma
 from procedures.reports.tracker.pictures import nests_picture
 from procedures.steps.tracker.rows import (
     ConstantRow,

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.distributions import before_and_after
-from cellctl.report.figures import error_line
-from cellctl.report.numbers import fixed, percent, significant
+from cellctl.report.drawing import before_and_after
+from cellctl.report.figures import error_line, fixed, percent, significant
 from procedures.reports.tracker.pictures import arrows_picture, bars_picture
 from procedures.steps.tracker.rows import ON_LINE, TargetErrorsRow, TargetFigures, TargetsRow, TrackerVerdict
 

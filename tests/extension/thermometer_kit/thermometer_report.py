@@ -2,7 +2,7 @@
 
 from thermometer_steps import TemperatureRow
 
-from cellctl.report.section import ReportSection
+from cellctl.report.page import ReportSection
 
 
 def build(run):
