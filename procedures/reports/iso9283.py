@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from cellctl.report import ReportSection, Run, Sigma
 from cellctl.report.drawing import ACCENT, BEFORE, INK, svg_of
 from cellctl.report.figures import fixed
-from procedures.steps.iso9283.cube import VARIED
+from procedures.steps.iso9283.planning import VARIED
 from procedures.steps.iso9283.rows import IsoFigures, IsoRow, IsoVerdict, RegistrationRow
 
 _POINTS = ("P1", "P2", "P3", "P4", "P5")

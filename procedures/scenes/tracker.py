@@ -24,8 +24,7 @@ from procedures.steps.tracker.rows import (
     TurnRow,
     VisitedRow,
 )
-from procedures.steps.tracker.sessions import Sessions
-from procedures.steps.tracker.station import FIRST_SESSION
+from procedures.steps.tracker.station import FIRST_SESSION, Sessions
 
 Rows = Sequence[Mapping[str, Any]]
 

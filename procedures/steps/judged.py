@@ -1,10 +1,10 @@
-"""Result of the steps that judge a run."""
+"""Inputs and results of the steps that judge a run or push its table."""
 
 from __future__ import annotations
 
 from typing import Self
 
-from cellctl.procedure import StepResult
+from cellctl.procedure import StepInputs, StepResult
 from cellctl.records import VerdictRow
 
 
@@ -18,3 +18,15 @@ class Judged(StepResult):
     def of(cls, row: VerdictRow) -> Self:
         """Of the recorded verdict."""
         return cls(verdict=row.verdict, sentence=row.sentence)
+
+
+class PushInputs(StepInputs):
+    """The id of the table in the run folder; None without a table to push."""
+
+    table: str | None
+
+
+class Pushed(StepResult):
+    """Whether the run's table is active on the controller."""
+
+    active: bool

@@ -17,9 +17,9 @@ from cellctl.metrology.axis_frames import AxisFrames, Turn, axis_frames
 from cellctl.metrology.measured_pose import MeasuredPose
 from cellctl.metrology.points import LEAST_MM, Points
 from cellctl.records import ResidualsRow
-from procedures.steps.tracker.points import points_of
+from procedures.steps.tracker.circles import AXES
+from procedures.steps.tracker.reflectors import points_of
 from procedures.steps.tracker.rows import PoseRow, TurnRow, VisitedRow
-from procedures.steps.tracker.turn_planning import AXES
 from sims.cell import SimCell, read_cell
 from sims.geocom.accuracy import ARCSEC, PROFILES, set_up_of
 from sims.geocom.description import profile_of

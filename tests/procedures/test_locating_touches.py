@@ -13,8 +13,8 @@ from sphere_rows import touch
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.planning.ways import Reach
-from procedures.steps.sphere import proof_planning
-from procedures.steps.sphere.proof_planning import locating_touches
+from procedures.steps.sphere import planning
+from procedures.steps.sphere.planning import locating_touches
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 CELL = load_yaml(ROOT / "procedures" / "cells" / "sphere_cell.yaml")
@@ -28,7 +28,7 @@ JOINTS_OF_FITS = {
 
 @pytest.mark.parametrize("fitted", JOINTS_OF_FITS)
 def test_a_touch_error_enters_the_located_centre_hardly_magnified(fitted: int, monkeypatch: Any) -> None:
-    monkeypatch.setattr(proof_planning, "_seen", lambda _: Reach(*JOINTS_OF_FITS[fitted], margin=0.0))
+    monkeypatch.setattr(planning, "_seen", lambda _: Reach(*JOINTS_OF_FITS[fitted], margin=0.0))
     context: Any = SimpleNamespace(cell=CELL, robot_file=ROBOT_FILE, seed=3, recorded=lambda *_: [touch(number=33)])
     touches = locating_touches(context, "P1", 8, tried=4)
     assert [each.number for each in touches] == [*range(34, 42)]

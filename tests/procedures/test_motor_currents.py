@@ -6,7 +6,7 @@ from step_contexts import Context
 
 from cellctl.devices import MotorCurrents
 from cellctl.files import load_yaml
-from procedures.steps.motor_currents import current_source
+from procedures.steps.tracker.measuring import current_source
 
 
 class Drives:

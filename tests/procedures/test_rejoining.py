@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.devices import DeviceRefused
-from procedures.steps.rejoining import last_point_before, rejoin
+from procedures.steps.contact_search import last_point_before, rejoin
 
 WAY = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (30.0, 10.0)]
 

@@ -18,7 +18,7 @@ from cellctl.report.figures import (
     significant,
     with_sigma,
 )
-from procedures.reports.sphere.standoff_errors import StandOffErrors
+from procedures.reports.sphere.standoffs import StandOffErrors
 from procedures.steps.sphere.rows import StandOffRow
 
 

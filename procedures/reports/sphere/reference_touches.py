@@ -1,14 +1,56 @@
-"""The returns to the reference touch, and the drift through them."""
+"""The returns to the reference touch, the drift through them, and pictures of changes during a run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from matplotlib.figure import Figure
+
+from cellctl.kinematics import Bools, Floats
 from cellctl.report import ReportSection, Run, Sigma
+from cellctl.report.drawing import ACCENT, INK, svg_of
 from cellctl.report.figures import fixed, plain, significant, with_sigma
-from procedures.reports.sphere.run_pictures import reference_picture
 from procedures.steps.sphere.rows import DriftFigures, ReferenceRow, SphereVerdict
+
+
+def reference_picture(rows: Sequence[ReferenceRow], drift: DriftFigures | None) -> str:
+    """The shift of the reference touch along its normal over the run, with 1 σ, and the drift if it was modelled."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.axhline(0.0, color=INK, linewidth=0.6)
+        spheres = dict.fromkeys(row.sphere for row in rows)
+        for sphere, marker in zip(spheres, "osD^v" * len(spheres), strict=False):
+            mine = [row for row in rows if row.sphere == sphere]
+            at, shift, sigma = ([getattr(row, name) for row in mine] for name in ("number", "shift_mm", "sigma_mm"))
+            axes.errorbar(at, shift, sigma, fmt=f"{marker}-", color=ACCENT, markersize=4, linewidth=0.8, label=sphere)
+        if drift is not None and drift.modelled:
+            first = float(rows[0].repeats)
+            ends = np.array([first, max(row.number for row in rows)])
+            line = drift.mm_per_touch * (ends - first)
+            axes.plot(ends, line, "--", color=INK, linewidth=1.0, label="drift, modelled")
+        axes.set(xlabel="contacts made before", ylabel="shift along the normal, mm")
+        axes.legend(loc="best")
+
+    return svg_of(draw, "reference", 1.9, "Shift of the reference touch in the course of the run")
+
+
+def over_travel_picture(travel: Floats, faulty: Bools) -> str:
+    """The tip's over-travel from contact to rest (N,), mm, for each touch; crosses mark telegram errors (N,)."""
+    at = np.arange(1, len(travel) + 1)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.plot(at, travel, "o", color=ACCENT, markersize=2.5)
+        if faulty.any():
+            axes.plot(at[faulty], travel[faulty], "x", color=INK, markersize=7, label="late, lost or skipped telegrams")
+            axes.legend(loc="best")
+        axes.set(xlabel="touch, in the order of the run", ylabel="over-travel, mm")
+        axes.set_ylim(0.0, 1.15 * float(travel.max()) or 1.0)
+
+    return svg_of(draw, "over-travel", 1.6, "Over-travel of the tip after contact, touch by touch")
 
 
 def build(run: Run) -> Mapping[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from cellctl.formats import ModelFile
 from cellctl.report import ReportSection, Run
 from cellctl.report.figures import fixed
-from procedures.reports.sphere.run_pictures import over_travel_picture
+from procedures.reports.sphere.reference_touches import over_travel_picture
 from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
 
 _FATES = ("late", "lost", "skipped")

@@ -9,7 +9,7 @@ import numpy as np
 
 from cellctl.report import Contribution, ReportSection, Run, Sigma
 from cellctl.report.figures import fixed, significant, with_sigma
-from procedures.reports.tracker.pictures import nests_picture
+from procedures.reports.tracker.targets import nests_picture
 from procedures.steps.tracker.rows import (
     ConstantRow,
     MonumentsRow,

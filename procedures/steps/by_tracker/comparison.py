@@ -14,7 +14,7 @@ from cellctl.kinematics import Floats, inverse_pose
 from cellctl.metrology.error_figures import error_directions
 from cellctl.procedure import StepContext
 from cellctl.records import Figures
-from procedures.steps.by_tracker.rows import (
+from procedures.steps.by_tracker.judging import (
     ByTrackerFigures,
     ByTrackerVerdict,
     DirectionFigures,

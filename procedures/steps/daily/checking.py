@@ -20,7 +20,7 @@ class CollectInputs(StepInputs):
 @step("daily.collect", title="collecting the points")
 async def collect(context: StepContext, inputs: CollectInputs) -> None:
     """Collect the measured points and nests; refuse a run in which the station moved."""
-    from procedures.steps.daily.collecting import day_points
+    from procedures.steps.daily.judging import day_points
 
     await context.record(DailyPointsRow(day=await context.clock.compute(day_points, context, inputs.baseline)))
 
@@ -34,7 +34,7 @@ class Earlier(StepResult):
 @step("daily.earlier_runs", reads_files=True, title="reading earlier runs")
 async def earlier_runs(context: StepContext, inputs: NoInputs) -> Earlier:
     """Read the earlier runs of this check from the folder of runs, and record what they measured."""
-    from procedures.steps.daily.earlier import read_earlier_runs
+    from procedures.steps.daily.judging import read_earlier_runs
 
     row = await context.clock.compute(read_earlier_runs, context)
     await context.record(row)

@@ -1,11 +1,17 @@
-"""The verdict of a daily check: this run and the earlier ones, carried into one frame by the nests."""
+"""The verdict of a daily check: what this run measured and earlier ones did, carried into one frame by the nests."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
+from cellctl.devices import DeviceFault
+from cellctl.files import InputError
+from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal
 from cellctl.metrology.daily_check import (
     RIGID_AND_SCALE,
     CheckLimits,
@@ -22,9 +28,91 @@ from procedures.steps.daily.rows import (
     DailyPointsRow,
     DailyVerdict,
     DayPoints,
+    EarlierRun,
     EarlierRunsRow,
+    Matrix,
 )
-from procedures.steps.tracker.rows import PoseRow
+from procedures.steps.tracker.reflectors import points_of
+from procedures.steps.tracker.rows import NestRow, PoseRow, SetUpRow
+from procedures.steps.tracker.station import Sessions
+
+
+def day_points(context: StepContext, baseline: str) -> DayPoints:
+    """Points and nests of this run; a nest is the mean of its visits.
+
+    Raises DeviceFault if the station moved in the run.
+    """
+    rows = sorted(context.recorded(PoseRow), key=lambda row: row.number)
+    sessions = Sessions.of(context)
+    if any(sessions.session(row.visit) != sessions.first for row in rows):
+        what = "its station moved between the first and the last visit to the nests: the points cannot be compared"
+        raise DeviceFault("tracker", what, "stand the instrument firmly, then run the check again")
+    nests: dict[str, list[NestRow]] = {}
+    for row in context.recorded(NestRow):
+        nests.setdefault(row.nest, []).append(row)
+    found = [points_of([row.point for row in visits]) for visits in nests.values()]
+    setup = context.recorded(SetUpRow)[-1]
+    return DayPoints(
+        baseline=baseline,
+        robot=context.identity("robot").serial,
+        payload_kg=setup.payload_kg,
+        accuracy=rows[0].point.accuracy,
+        commanded=tuple(row.commanded for row in rows),
+        points=tuple(row.point.xyz for row in rows),
+        nest_names=tuple(nests),
+        nests=_rows([each.xyz.mean(axis=0) for each in found]),
+        spread=tuple(_rows(each.alone.mean(axis=0) / len(each)) for each in found),
+    )
+
+
+def _rows(values: object) -> Matrix:
+    return tuple(tuple(row) for row in np.asarray(values, float).tolist())
+
+
+_SECTION = DailyVerdict.SECTION[0]
+"""A field that only results of this kind of campaign have."""
+
+
+def read_earlier_runs(context: StepContext) -> EarlierRunsRow:
+    """The finished runs with the same baseline in the folder of this run, oldest first. Changes nothing there."""
+    day = context.recorded(DailyPointsRow)[-1].day
+    earlier, left_out = [], []
+    for found in _finished_checks(context.run_folder):
+        if isinstance(found, tuple):
+            left_out.append(found)
+        elif found.day.baseline == day.baseline:
+            why = day.same_check(found.day)
+            if why:
+                left_out.append((found.run, why))
+            else:
+                earlier.append(found)
+    earlier.sort(key=lambda each: (each.began, len(each.run), each.run))
+    return EarlierRunsRow(runs=tuple(earlier), left_out=tuple(sorted(left_out)))
+
+
+def _finished_checks(own: Path) -> Iterator[EarlierRun | tuple[str, str]]:
+    """Each finished check beside the folder `own`; of one that cannot be read its name, and why."""
+    for journal in sorted(own.parent.glob("*/journal.sqlite")):
+        if journal.parent.resolve() == own.resolve():
+            continue
+        try:
+            found = _check_in(journal)
+        except (InputError, JournalError):
+            found = (journal.parent.name, "its journal is damaged")
+        if found:
+            yield found
+
+
+def _check_in(journal: Path) -> EarlierRun | tuple[str, str] | None:
+    """The check that the journal holds; None if it is another campaign's, or one that did not finish."""
+    first = next(read_journal(journal), None)
+    if first is None or not isinstance(first.event, RunStarted) or _SECTION not in (first.event.section or ()):
+        return None
+    state: RunState = fold(read_journal(journal))
+    row = state.last(DailyPointsRow)
+    if state.state != "finished" or row is None:
+        return None
+    return EarlierRun(run=first.event.name or journal.parent.name, began=first.event.calendar, day=row.day)
 
 
 class Limits(Protocol):

@@ -1,4 +1,4 @@
-"""Plans touches from the cell's artefact and robot file."""
+"""Plans touches from the cell's artefact and robot file: for the fit, and on the proof sphere with its stand-offs."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from cellctl.files import InputError
-from cellctl.formats import RobotFile, artefact_of, postures_of
+from cellctl.formats import ModelFile, RobotFile, artefact_of, postures_of
 from cellctl.formats.artefact import Artefact, Sphere
 from cellctl.planning import OutOfReach, PlannedTouch, Plate, RobotPostures, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.touches import spheres_of
 from cellctl.planning.ways import Obstacles, Reach
-from cellctl.procedure import CellContext
-from procedures.steps.sphere.rows import TouchSet
-from procedures.steps.sphere.touch_plans import TouchPlan
+from cellctl.procedure import CellContext, StepContext
+from procedures.steps.sphere.reference_touches import last_number
+from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow, TouchSet
+from procedures.steps.sphere.touching import TouchPlan
 
 
 def planned_touches(
@@ -183,3 +184,58 @@ def _sets(touches: list[PlannedTouch], spheres: list[str], held_out: int, seed: 
         for index in random.permutation(on_it)[:count]:
             sets[index] = "test"
     return sets
+
+
+_BEYOND_MM = 8.0
+"""Depth below the expected surface at which a stand-off's search ends without contact."""
+
+
+def worth_proving(context: StepContext) -> bool:
+    """Whether the identified model was better than nominal on the held-out touches."""
+    verdicts = context.recorded(SphereVerdict)
+    return bool(verdicts) and verdicts[-1].better
+
+
+def locating_touches(context: StepContext, sphere: str, count: int, tried: int) -> list[TouchPlan]:
+    """The touches, with numbers after those already made. Raises InputError.
+
+    tried: see `TouchOptions`. With few touches on one side, the nominal robot's errors there would shift the centre.
+    """
+    sphere_called(context, artefact_of(context.cell, ("artefact",)), sphere)
+    options = TouchOptions(tried=tried)
+    touches = plan_on(context, {sphere: count}, seed_for(context, "locate"), reach=_seen(context), options=options)
+    first = 1 + last_number(context, TouchRow, ReferenceRow)
+    return [as_plan(first + index, touch, "locate") for index, touch in enumerate(touches)]
+
+
+def standoff_lines(
+    context: StepContext,
+    sphere: str,
+    centre: tuple[float, float, float],
+    count: int,
+    distance_mm: float,
+    reference_every: int,
+    reference: PlannedTouch,
+) -> list[PlannedTouch]:
+    """Lines from `distance_mm` off the surface of `sphere` at `centre`, by the nominal robot. Raises InputError."""
+    return plan_on(
+        context,
+        {sphere: count},
+        seed_for(context, "standoff"),
+        centres={sphere: centre},
+        reach=_seen(context),
+        options=standoff_options(distance_mm),
+        reference_every=reference_every,
+        reference=reference,
+    )
+
+
+def standoff_options(distance_mm: float) -> TouchOptions:
+    """How to plan stand-offs from `distance_mm` off the surface."""
+    return TouchOptions(guard=distance_mm, depth=_BEYOND_MM)
+
+
+def _seen(context: StepContext) -> Reach:
+    """The joint range of the fit: outside it the model extrapolates, and no table may go there."""
+    region = ModelFile.load(context.artefact("model.json")).joint_region
+    return Reach(tuple(region.min), tuple(region.max), margin=0.0)

@@ -10,10 +10,9 @@ from pydantic import Field
 from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
-from procedures.steps.judged import Judged
-from procedures.steps.pushing import Pushed, PushInputs
+from procedures.steps.judged import Judged, Pushed, PushInputs
 from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
-from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
+from procedures.steps.sphere.touching import Round, StandOffPlan, TouchPlan
 
 
 class PlanProofInputs(StepInputs):
@@ -47,7 +46,7 @@ def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
 )
 async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan:
     """Plan the touches that locate the proof sphere, where the model has earned it."""
-    from procedures.steps.sphere.proof_planning import locating_touches, worth_proving
+    from procedures.steps.sphere.planning import locating_touches, worth_proving
 
     if not worth_proving(context):
         context.say("the model is no better than nominal on held-out touches: nothing is compensated or pushed")
@@ -83,8 +82,7 @@ def _standoffs(known: Mapping[str, Any]) -> int:
 
 
 def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.sphere.planning import check_on_sphere
-    from procedures.steps.sphere.proof_planning import standoff_options
+    from procedures.steps.sphere.planning import check_on_sphere, standoff_options
 
     options = standoff_options(known["distance_mm"]) if "distance_mm" in known else None
     check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
@@ -93,8 +91,8 @@ def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("sphere.compensate", check=_check_standoffs, title="compensating targets", expects=_standoffs)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
-    from procedures.steps.sphere.proof_planning import worth_proving
-    from procedures.steps.sphere.standoff_table import standoffs_and_table
+    from procedures.steps.sphere.planning import worth_proving
+    from procedures.steps.sphere.standoffs import standoffs_and_table
 
     if not worth_proving(context):
         return Compensation(rounds=[], table=None)
@@ -138,7 +136,7 @@ class StoodOff(StepResult):
 )
 async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     """Go to a target off the sphere, search along its normal until contact, note the travel, retreat."""
-    from procedures.steps.sphere.standoff_rows import standoff_row
+    from procedures.steps.sphere.standoffs import standoff_row
     from procedures.steps.table_push import require_in_force
 
     robot: CompensatedRobot = context.device("robot")
@@ -162,7 +160,7 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
 @step("sphere.judge", needs={"robot": TableStore}, verdict=SphereVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
-    from procedures.steps.sphere.judging import verdict_of
+    from procedures.steps.sphere.identification import verdict_of
     from procedures.steps.table_push import withdrawn_unless_better
 
     found = await context.clock.compute(verdict_of, context)

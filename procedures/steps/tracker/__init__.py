@@ -1,15 +1,22 @@
 """Campaigns with an instrument that measures reflectors on the robot: the steps of the family `tracker`."""
 
-from procedures.steps.tracker.correcting import correction_off, correction_on, judge_correction, measure_corrected
-from procedures.steps.tracker.given_model import read_model, register
-from procedures.steps.tracker.identifying import identify
-from procedures.steps.tracker.instrument import prepare, two_face
-from procedures.steps.tracker.locating import locate
+from procedures.steps.tracker.instrument import check_reflector, monuments, prepare, two_face
+from procedures.steps.tracker.locating import frames, locate, plan_turns
 from procedures.steps.tracker.measuring import measure, measure_compensated
-from procedures.steps.tracker.monuments import check_reflector, monuments
 from procedures.steps.tracker.posing import plan, plan_targets
-from procedures.steps.tracker.proving import compensate, judge, push, withdraw
-from procedures.steps.tracker.turning import frames, plan_turns
+from procedures.steps.tracker.proving import (
+    compensate,
+    correction_off,
+    correction_on,
+    identify,
+    judge,
+    judge_correction,
+    measure_corrected,
+    push,
+    read_model,
+    register,
+    withdraw,
+)
 from procedures.steps.tracker.warming import warm_up
 
 __all__ = [

@@ -1,27 +1,79 @@
-"""From recorded poses to data set, model and verdict."""
+"""From recorded poses to data set, model and verdict; an earlier run's model registered to this instrument."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
 
-from cellctl.calibration import FitResult, fit
+from cellctl.calibration import FitResult, PoseRows, Split, State, fit
+from cellctl.calibration.observability.unobservable import SEEN
 from cellctl.devices import MeasuredPoint
-from cellctl.files import InputError
-from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, fit_report, measurements
+from cellctl.files import InputError, Problem, sha256_of
+from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, fit_report, from_prior, measurements
 from cellctl.formats.measurements import Kind, ModelChoice
+from cellctl.kinematics import Floats, inverse_pose
 from cellctl.procedure import StepContext
 from cellctl.records import Figures
-from procedures.steps.identified import Found, held_out_split, provenance
-from procedures.steps.setup_errors import WrongSetup, wrong_setup
-from procedures.steps.tracker.places import measured_place, measured_pose
-from procedures.steps.tracker.plate import plate_of
-from procedures.steps.tracker.rows import HeldOutFigures, PoseRow, SetUpRow, TrackerVerdict
-from procedures.steps.tracker.sessions import Sessions
-from procedures.steps.tracker.six_dimensions import six_row
+from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
+from procedures.steps.tracker.reflectors import measured_place, measured_pose, plate_of
+from procedures.steps.tracker.rows import (
+    MODEL_FILE,
+    HeldOutFigures,
+    PoseRow,
+    ReadModelRow,
+    SetUpRow,
+    SixFigures,
+    SixRow,
+    TrackerVerdict,
+)
+from procedures.steps.tracker.station import Sessions
+
+Indices: TypeAlias = NDArray[np.intp]
+
+
+def six_row(measured: Measurements, result: FitResult, split: Split) -> SixRow:
+    """The row of a fit from poses."""
+    held_out = np.array([of == "test" for of in measured.sets])
+    left_out = np.zeros(len(held_out), bool)
+    left_out[list(result.identification.outliers)] = True
+    names, r = pivots(result)
+    return SixRow(
+        fit=_figures(measured, result, np.flatnonzero(~held_out & ~left_out)),
+        test=_figures(measured, result, np.flatnonzero(held_out)),
+        parameters=names,
+        r=r,
+        observable=SEEN,
+    )
+
+
+def pivots(result: FitResult) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Names and |R_ii| of the free parameters by column-pivoted QR of the Jacobian, in σ of the rows per prior σ."""
+    found = result.identification.identified
+    free = np.flatnonzero(found.unknowns.free)
+    _, triangle, order = scipy.linalg.qr(found.triangle, mode="economic", pivoting=True)
+    names = tuple(found.unknowns.parameters[free[at]].name for at in order)
+    return names, tuple(np.abs(np.diag(triangle)).tolist())
+
+
+def _figures(measured: Measurements, result: FitResult, which: Indices) -> SixFigures:
+    states = result.identification.nominal.state, result.identification.identified.state
+    (before, angle_before), (after, angle_after) = (_means(measured, state, which) for state in states)
+    return SixFigures(n=len(which), before=before, after=after, angle_before=angle_before, angle_after=angle_after)
+
+
+def _means(measured: Measurements, state: State, which: Indices) -> tuple[tuple[float, ...], float]:
+    blocks = [block for block in measured.task.rows.pick(which).blocks if isinstance(block, PoseRows) and len(block)]
+    if not blocks:
+        return (0.0, 0.0, 0.0), 0.0
+    six = np.concatenate([block.deviation(state) for block in blocks])
+    angle = np.degrees(np.linalg.norm(six[:, 3:], axis=1)).mean()
+    return tuple(np.abs(six[:, :3]).mean(axis=0).tolist()), float(angle)
 
 
 def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSetup:
@@ -124,3 +176,59 @@ def _lines(setup: SetUpRow, points: Sequence[MeasuredPoint], ambiguous: int) -> 
     if ambiguous:
         lines.append(f"{ambiguous} poses were measured while the station moved; they were left out.")
     return lines
+
+
+_NOISE_SCALE = 4.0
+"""From this noise scale on the model that was read is taken for that of another state of the robot."""
+
+
+def registered_model(context: StepContext) -> Found:
+    """The model that was read, in the instrument's frame of this run, and its verdict on the held-out poses.
+
+    Only the base is found anew, from the poses of the set `fit`: the robot is as it was identified. Raises InputError
+    if the poses scatter about the model far more than its σ and the instrument's allow.
+    """
+    from cellctl.report.fit import FitStory, identification_rows  # imports much: not on the engine's loop
+
+    robot, read = RobotFile.load(context.robot_file), context.recorded(ReadModelRow)[-1]
+    prior = ModelFile.load(context.artefact(MODEL_FILE))
+    data, ambiguous = pose_data(context)
+    measured = from_prior(measurements(robot, data, measure="position"), prior, ("base",), read.run)
+    split = held_out_split(measured)
+    result = fit(measured.task, split)
+    _refuse_another_state(context, read, float(result.identification.noise[0]))
+    report = fit_report(measured, result)
+    source = {**provenance(context, data.text()), "prior_sha256": sha256_of(read.text), "prior_run": read.run}
+    base = result.identification.identified.state.model.chain.base_now
+    file = _moved(ModelFile.of(robot, measured, result, source, prior), prior, base)
+    verdict = fit_verdict(context, measured, result, report, ambiguous)
+    rows = tuple(identification_rows(FitStory.of(measured, result, split, report)))
+    return Found(data.text(), file.text(), replace(verdict, model_from=read.run), rows)
+
+
+def _refuse_another_state(context: StepContext, read: ReadModelRow, noise_scale: float) -> None:
+    if noise_scale < _NOISE_SCALE:
+        return
+    what = (
+        f"the poses scatter about the model of {read.run} {noise_scale:.0f} times more than its σ and the instrument's "
+        "allow: robot, tool, load or reflector is not as it was when it was identified; no table was pushed"
+    )
+    cure = "identify the robot as it is now: run the procedure without a model, or `cellctl run tracker_calibration`"
+    raise InputError(Problem(str(context.run_folder / MODEL_FILE), 0, 0, what, cure))
+
+
+def _moved(found: ModelFile, prior: ModelFile, base: Floats) -> ModelFile:
+    """`prior` moved as a whole, so that its base is at `base` (4, 4), with the covariance `found`.
+
+    The nominal robot moves too: a target stays where the nominal robot was when the model was identified.
+    """
+    motion = base @ inverse_pose(prior.robot_model().chain.base_now)
+    values = {parameter.name: parameter.value for parameter in prior.parameters}
+    return found.model_copy(
+        update={
+            "start": {"base": (motion @ np.array(prior.start["base"])).tolist(), "tool": prior.start["tool"]},
+            "parameters": [each.model_copy(update={"value": values[each.name]}) for each in found.parameters],
+            "sessions": [],
+            "model": prior.model,
+        }
+    )

@@ -14,7 +14,7 @@ from cellctl.kinematics import Bools, Floats
 from cellctl.metrology.error_figures import ErrorIntervals
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Rows, TableStateRow
-from procedures.steps.tracker.points import points_of
+from procedures.steps.tracker.reflectors import points_of
 from procedures.steps.tracker.rows import (
     ON_LINE,
     CompensatedRow,
@@ -26,8 +26,7 @@ from procedures.steps.tracker.rows import (
     TargetsRow,
     TrackerVerdict,
 )
-from procedures.steps.tracker.sessions import Sessions
-from procedures.steps.tracker.station import reflector_at
+from procedures.steps.tracker.station import Sessions, reflector_at
 
 
 @final

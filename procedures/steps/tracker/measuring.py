@@ -1,30 +1,114 @@
-"""Measures a reflector on the robot: motion by the stated side, motor currents on arrival, then the point."""
+"""Measures a reflector on the robot: motion by the stated side, motor currents on arrival, aim, then the point."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Annotated, Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, final
 
 from pydantic import Field
 
+from cellctl.clock import Clock
 from cellctl.devices import (
     CellReadings,
     CurrentSource,
+    DeviceError,
     JointReadings,
     MeasuredPoint,
     MotorCurrents,
     MovingRobot,
+    NotLevelled,
     PointSource,
     TableRobot,
+    Vector3,
 )
 from cellctl.files import InputError
+from cellctl.formats.cell_sections import Currents, currents_of
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from cellctl.records import Row
-from procedures.steps.motor_currents import current_source
-from procedures.steps.rejoining import rejoin
-from procedures.steps.tracker.plans import PosePlan
-from procedures.steps.tracker.pointing import NestsDisagree, NotSettled, Settling, settled_point
+from procedures.steps.contact_search import rejoin
+from procedures.steps.tracker.posing import PosePlan
 from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TurnRow
+
+
+@final
+class ScaledCurrents:
+    """A source of motor currents with scale and offset of the cell file applied, once."""
+
+    def __init__(self, source: CurrentSource, settings: Currents) -> None:
+        self._source, self._settings = source, settings
+
+    async def currents(self, samples: int) -> MotorCurrents:
+        """Amperes of A1…An, and their σ; raises as `CurrentSource.currents` does."""
+        found = await self._source.currents(samples)
+        amperes, sigma_a = self._settings.applied(found.amperes), self._settings.applied_sigma(found.sigma_a)
+        return replace(found, amperes=amperes, sigma_a=sigma_a)
+
+
+def current_source(context: StepContext, axes: int) -> ScaledCurrents | None:
+    """The source that `currents:` of the cell file names, for a robot of `axes` axes; None if it names none.
+
+    The step needs `robot` and uses `drives`. Raises InputError for an error in the cell file.
+    """
+    if "currents" not in context.cell.data:
+        return None
+    settings = currents_of(context.cell, axes)
+    device = context.device("robot") if settings.source == "robot" else context.optional_device("drives")
+    return ScaledCurrents(device, settings) if device else None
+
+
+_LOOKS = 3
+"""How often a reflector that is not at rest is measured in one attempt."""
+
+_TILTED = "its compensator is out of its range: the last point is not corrected for the tilt, and is not recorded"
+_LEVEL = (
+    "level the instrument and stand it firmly; then resume: the nests show how far it moved. "
+    "If the poses have not begun, begin anew"
+)
+
+
+@final
+class NotSettled(DeviceError):
+    """The samples of a point scatter more than the limit: the reflector or the air is not at rest."""
+
+
+@final
+class NestsDisagree(DeviceError):
+    """The nests moved against each other: one is loose, badly seated, or the station moved in the visit."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Settling:
+    """samples: for a point. wait_s: before it, and before it is measured again. scatter_mm: limit, 1 σ of a sample."""
+
+    samples: int
+    wait_s: float
+    scatter_mm: float
+
+
+async def settled_point(
+    tracker: PointSource, clock: Clock, place: Vector3, search_mm: float, settling: Settling
+) -> MeasuredPoint:
+    """Aim at `place`, in the instrument's frame, mm, and measure the reflector there.
+
+    Raises NotSettled, NotLevelled for a point without correction for the tilt, and the instrument's errors.
+    """
+    await tracker.aim(place, search_mm)
+    for _ in range(_LOOKS):
+        await clock.sleep(settling.wait_s)
+        point = await tracker.measure(settling.samples)
+        if not point.levelled:
+            raise NotLevelled(tracker.name, _TILTED, _LEVEL)
+        if max(point.scatter) <= settling.scatter_mm:
+            return point
+    what = (
+        f"the samples of a reflector at {point.range_mm:.0f} mm scatter by {max(point.scatter):.3f} mm (1 σ) in "
+        f"{_LOOKS} measurements, more than the limit of {settling.scatter_mm:g} mm"
+    )
+    cure = "does the robot vibrate, is the reflector loose, does warm air cross the beam? else raise scatter_limit"
+    raise NotSettled(tracker.name, what, cure)
+
 
 NEEDS = {"robot": MovingRobot, "tracker": PointSource}
 USES = {"plc": CellReadings, "drives": CurrentSource}
@@ -155,7 +239,7 @@ async def measured_plate(
 ) -> tuple[MeasuredPoint, ...]:
     """Measure the plate's reflectors 2 to `count` after the first. Raises NestsDisagree if they do not fit it."""
     from cellctl.formats.cell_sections import reflectors_of
-    from procedures.steps.tracker.plate import check_plate
+    from procedures.steps.tracker.reflectors import check_plate
     from procedures.steps.tracker.station import reflector_at, seen_from_instrument
 
     joints = _array(fields["joints"])

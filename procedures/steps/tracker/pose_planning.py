@@ -1,17 +1,20 @@
-"""Measuring poses of the cell's robot as plans of the steps that move."""
+"""Measuring poses of the cell's robot: planned or from a file, for the identification, registration or a proof."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self, final
 
 import numpy as np
 
-from cellctl.files import InputError
-from cellctl.formats import RobotFile, postures_of
+from cellctl.files import InputError, Problem
+from cellctl.formats import DataSet, ModelFile, RobotFile, postures_of
 from cellctl.formats.cell_sections import floor_of, reflectors_of, station_of
+from cellctl.formats.dataset import Sieve, joint_readings
+from cellctl.formats.table_making import valid_region
 from cellctl.kinematics import Floats
 from cellctl.planning import OutOfReach
 from cellctl.planning.measuring_poses import (
@@ -20,16 +23,65 @@ from cellctl.planning.measuring_poses import (
     MeasuringPoses,
     PoseOptions,
     Sight,
+    measuring_postures,
     plan_given_poses,
     plan_measuring_poses,
+    unmeasurable,
 )
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.planning import spheres_around
-from procedures.steps.tracker.given_poses import GivenPoses
-from procedures.steps.tracker.plans import PosePlan, Round
+from procedures.steps.tracker.circles import return_pose, rounded, turn_posture
+from procedures.steps.tracker.posing import PosePlan, Round
+from procedures.steps.tracker.rows import LeftOut, TargetPlanRow
 from procedures.steps.tracker.station import rough_station
-from procedures.steps.tracker.turn_planning import return_pose, rounded, turn_posture
+from procedures.steps.tracker.target_table import Compensable, MannerWanted, manner_of
+
+_CURE = "plan the targets for this cell's station and reflector, or move the station"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class GivenPoses:
+    """The targets of a file. readings (N, n), deg; sets, lines (N,); reasons: place → why it cannot be measured."""
+
+    file: str
+    readings: Floats
+    sets: tuple[str, ...]
+    lines: tuple[int, ...]
+    reasons: dict[int, str]
+
+    @classmethod
+    def read(cls, file: Path, robot: RobotFile, arm: MeasuringArm, reach: Reach) -> Self:
+        """Raises InputError with every row whose joints cannot be read."""
+        data = DataSet.load(file)
+        sieve = Sieve(data)
+        readings = np.round(joint_readings(sieve, robot), 4)
+        if sieve.rejected():
+            raise InputError(Problem(data.file, row.line, 0, row.reason) for row in sieve.rejected())
+        return cls(data.file, readings, tuple(data.texts("set")), data.lines, unmeasurable(arm, reach, readings))
+
+    def first(self, fit: int, held_out: int) -> Floats:
+        """The first postures (fit + held_out, n) of sets `fit` and `test` that can be measured. Raises InputError if a
+        set has too few, with every row that cannot be measured.
+        """
+        chosen: list[int] = []
+        for name, count in (("fit", fit), ("test", held_out)):
+            usable = [place for place, of in enumerate(self.sets) if of == name and place not in self.reasons]
+            if len(usable) < count:
+                raise InputError(self._too_few(name, len(usable), count))
+            chosen.extend(usable[:count])
+        return self.readings[chosen]
+
+    def _too_few(self, name: str, found: int, count: int) -> list[Problem]:
+        what = f"{found} targets of set '{name}' can be measured; the procedure asks for {count}"
+        own = [place for place in self.reasons if self.sets[place] == name]
+        refused = (
+            Problem(self.file, self.lines[place], 0, f"cannot be measured: {self.reasons[place]}", _CURE)
+            for place in own
+        )
+        return [Problem(self.file, 0, 0, what, "plan more of them, or ask for fewer poses"), *refused]
+
 
 _MARGIN_DEG = 3.0
 """Margin of the reflector's acceptance, and of the joint limits."""
@@ -41,7 +93,7 @@ _WIDEST_DEG = 180.0
 """No joint is turned farther from 0 than this: more turns show nothing new, and twist the cables."""
 
 
-class Wanted(Protocol):
+class PosesWanted(Protocol):
     """The procedure's settings."""
 
     @property
@@ -69,7 +121,7 @@ class Wanted(Protocol):
         """File of the poses, from the cell file's folder; empty: they are planned."""
 
 
-def planned_rounds(context: CellContext, wanted: Wanted, station: Floats | None) -> list[Round]:
+def planned_rounds(context: CellContext, wanted: PosesWanted, station: Floats | None) -> list[Round]:
     """The poses in rounds of `monuments_every`; station (4, 4): the instrument in the base frame, None: the cell
     file's. Raises InputError if too few poses can be measured.
     """
@@ -121,7 +173,7 @@ def pose_seed(context: CellContext) -> int:
 
 
 def _poses(
-    context: CellContext, robot: RobotFile, wanted: Wanted, station: Floats | None, home: Floats
+    context: CellContext, robot: RobotFile, wanted: PosesWanted, station: Floats | None, home: Floats
 ) -> MeasuringPoses:
     reach, sight, options = pose_limits(context, wanted.reflectors, station)
     counts = Counts(wanted.fit, wanted.held_out, wanted.held_out // 2, wanted.from_both)
@@ -169,3 +221,154 @@ def _back(context: CellContext, poses: list[PosePlan], home: Floats, number: int
     """The return pose after a round, over home."""
     back = return_pose(context, poses[-1].joints, number)
     return back.model_copy(update={"way": [rounded(home), *back.way]})
+
+
+LEAST_TARGETS = 3
+"""Fewer targets prove nothing."""
+
+_INSIDE_DEG = 1.0
+"""Planned targets keep this distance from the end of the measured region: their compensated joints are inside, too."""
+
+
+class TargetsWanted(MannerWanted, Protocol):
+    """The procedure's settings."""
+
+    @property
+    def fit(self) -> int:
+        """Poses from which a model is identified, if none was read."""
+
+    @property
+    def registration(self) -> int:
+        """Poses from which a model that was read is registered."""
+
+    @property
+    def targets(self) -> int:
+        """Targets, at most."""
+
+    @property
+    def target_file(self) -> str:
+        """File of the targets, from the cell file's folder; empty: they are planned."""
+
+    @property
+    def monuments_every(self) -> int:
+        """Poses between two visits to the monuments."""
+
+    @property
+    def from_both(self) -> float:
+        """Share of the poses of an identification that are measured from both sides."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class TargetPlan:
+    """All visits before the compensation, in rounds, and the row to record."""
+
+    rounds: list[Round]
+    row: TargetPlanRow
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Postures (N, n), deg, each with its name, and why it is left out: empty where it is not."""
+
+    readings: Floats
+    names: Sequence[str]
+    reasons: Sequence[str]
+
+    def first(self, count: int) -> tuple[Floats, tuple[LeftOut, ...]]:
+        """The first `count` usable ones, and those left out before them."""
+        usable = [place for place, reason in enumerate(self.reasons) if not reason][:count]
+        end = usable[-1] if len(usable) == count else len(self.reasons)
+        left_out = (
+            LeftOut(target=self.names[place], reason=reason)
+            for place, reason in enumerate(self.reasons[:end])
+            if reason
+        )
+        return self.readings[usable], tuple(left_out)
+
+
+def planned_targets(context: CellContext, wanted: TargetsWanted, model: ModelFile | None) -> TargetPlan:
+    """The poses of the fit and the targets, half of the targets between these poses, half after them.
+
+    model: the one that was read; targets that it cannot compensate are left out, and its poses are inside its measured
+    region. Raises InputError if too few targets are left, or too few poses can be measured.
+    """
+    robot = RobotFile.load(context.robot_file)
+    home = np.array(postures_of(context.cell, robot, "turn").home)
+    reach, sight, options = pose_limits(context, 1)
+    chain, joints = robot.chain(), robot.joint_map()
+    arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
+    planner = _Planner(context, wanted, robot, arm, reach, model)
+    fit, candidates = planner.poses()
+    targets, left_out = candidates.first(wanted.targets)
+    if len(targets) < LEAST_TARGETS:
+        raise InputError(_too_few(context, len(targets), left_out))
+    from_both = 0.0 if model else wanted.from_both
+    counts = Counts(len(fit), len(targets), len(targets) // 2, from_both)
+    postures = np.concatenate([fit, targets])
+    visits = plan_given_poses(chain, joints, sight, counts, home, pose_seed(context), postures, options)
+    rounds = rounds_of(context, visits, home, wanted.monuments_every)
+    return TargetPlan(rounds, TargetPlanRow(targets=len(targets), left_out=left_out))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Planner:
+    context: CellContext
+    wanted: TargetsWanted
+    robot: RobotFile
+    arm: MeasuringArm
+    reach: Reach
+    model: ModelFile | None
+
+    def poses(self) -> tuple[Floats, _Candidates]:
+        """Postures of the fit (F, n), deg, and the candidates for targets."""
+        count = self.wanted.registration if self.model else self.wanted.fit
+        if not self.wanted.target_file:
+            drawn = self._drawn(count + self.wanted.targets)
+            names = [f"planned target {number}" for number in range(1, self.wanted.targets + 1)]
+            return drawn[:count], self._candidates(drawn[count:], names, [""] * len(names))
+        file = Path(self.context.cell.file).parent / self.wanted.target_file
+        given = GivenPoses.read(file, self.robot, self.arm, self.reach)
+        fit = [at for at, of in enumerate(given.sets) if of == "fit" and at not in given.reasons]
+        mine = [at for at, of in enumerate(given.sets) if of != "fit"]
+        candidates = self._candidates(
+            given.readings[mine],
+            [f"line {given.lines[at]} of {file.name}" for at in mine],
+            [f"cannot be measured: {given.reasons[at]}" if at in given.reasons else "" for at in mine],
+        )
+        return given.readings[fit[:count]] if len(fit) >= count else self._drawn(count), candidates
+
+    def _candidates(self, readings: Floats, names: Sequence[str], reasons: Sequence[str]) -> _Candidates:
+        if self.model is None or not len(readings):
+            return _Candidates(readings, names, reasons)
+        manner = manner_of(self.context, self.wanted)
+        found = Compensable.of(self.model, readings, manner).reasons
+        return _Candidates(readings, names, [ours or theirs for ours, theirs in zip(reasons, found, strict=True)])
+
+    def _drawn(self, count: int) -> Floats:
+        try:
+            return measuring_postures(self.arm, self._inside(), count, pose_seed(self.context))
+        except OutOfReach as error:
+            cure = "move the station, turn the reflector on the flange, or ask for fewer poses"
+            raise InputError(self.context.cell.problem(("reflectors", "on_flange"), str(error), cure)) from error
+
+    def _inside(self) -> Reach:
+        """The joints of planned poses: inside the measured region of a model that was read."""
+        if self.model is None:
+            return self.reach
+        region, margin = valid_region(self.model), self.reach.margin + self.arm.options.step - _INSIDE_DEG
+        low, high = np.array(region.min) - margin, np.array(region.max) + margin
+        return replace(
+            self.reach,
+            minimum=tuple(np.maximum(self.reach.minimum, low).tolist()),
+            maximum=tuple(np.minimum(self.reach.maximum, high).tolist()),
+        )
+
+
+def _too_few(context: CellContext, found: int, left_out: Sequence[LeftOut]) -> list[Problem]:
+    what = f"{found} targets are left, and {LEAST_TARGETS} at least prove something"
+    named = (Problem(context.cell.file, 0, 0, str(each)) for each in left_out)
+    cure = "give targets inside the measured region that the reflector can be seen at"
+    return [Problem(context.cell.file, 0, 0, what, cure), *named]

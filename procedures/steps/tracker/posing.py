@@ -1,15 +1,59 @@
-"""Plans poses of the identification, and held-out ones or targets, in rounds between visits to the monuments."""
+"""Plans poses of the identification, and held-out ones or targets by a method, in rounds between nest visits."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from cellctl.files import InputError, Problem
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
-from procedures.steps.tracker.methods import DEFAULT_METHOD, check_method
-from procedures.steps.tracker.plans import Round
+from cellctl.procedure.fields import did_you_mean
+
+DEFAULT_METHOD = "pseudo-target"
+
+
+def check_method(context: CellContext, known: Mapping[str, Any]) -> None:
+    """Raise InputError if `method` of the known inputs is none of `cellctl.compensation`."""
+    from cellctl.compensation import METHODS
+
+    method = known.get("method", DEFAULT_METHOD)
+    if method not in METHODS:
+        what = f"there is no compensation method '{method}'"
+        raise InputError(Problem("--set method", 0, 0, what, did_you_mean(str(method), METHODS)))
+
+
+Joints = Annotated[list[float], Field(min_length=1, max_length=20)]
+"""Joint readings, degrees."""
+
+
+class PosePlan(StepResult):
+    """One planned measurement of a reflector; joints in degrees.
+
+    number: in its plan. kind: to identify from, held out, reached by row `row` of the table, the return pose, a point
+    of the circle about `axis` alone, or of the ISO cube. origin: where the last motion ended. way: from there, the
+    approach last. direction: of each joint from the approach to `joints`, 1, -1 or 0. target: of a held-out pose, mm,
+    in the instrument's frame of the first session.
+    """
+
+    number: int
+    kind: Literal["fit", "test", "compensated", "return", "turn", "cube"]
+    reflector: str
+    origin: Joints
+    way: list[Joints]
+    joints: Joints
+    direction: list[int]
+    axis: int | None = None
+    row: int | None = None
+    target: list[float] | None = None
+
+
+class Round(StepResult):
+    """Poses, followed by a visit to the monuments and the return pose."""
+
+    poses: list[PosePlan]
+    back: PosePlan
 
 
 class PlanInputs(StepInputs):
@@ -83,7 +127,7 @@ class PlanTargetsInputs(StepInputs):
 
 def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:
     """Whether a model is read is not known yet: as many poses as are needed in any case."""
-    from procedures.steps.tracker.target_planning import planned_targets
+    from procedures.steps.tracker.pose_planning import planned_targets
 
     check_method(context, known)
     if {"fit", "registration", "targets", "target_file"} <= known.keys():
@@ -102,8 +146,8 @@ def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:
 async def plan_targets(context: StepContext, inputs: PlanTargetsInputs) -> Plan:
     """Plan the targets, or take them from a file, with the poses that identify or register the model; name those that
     cannot be measured or compensated."""
-    from procedures.steps.tracker.model_reading import read_model
-    from procedures.steps.tracker.target_planning import planned_targets
+    from procedures.steps.tracker.model_files import read_model
+    from procedures.steps.tracker.pose_planning import planned_targets
 
     found = await context.clock.compute(planned_targets, context, inputs, read_model(context))
     await context.record(found.row)

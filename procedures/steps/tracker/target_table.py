@@ -1,21 +1,98 @@
-"""Compensated joints for the held-out poses, as a table and as plans for the steps that move."""
+"""Compensated joints for the held-out poses as table and plans, and why a target gets no row."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import Protocol, Self, final
 
 import numpy as np
 
+from cellctl.compensation import Compensated
+from cellctl.devices.cell import online_correction_deg, table_correction_deg
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, TableFile, postures_of
-from cellctl.formats.table_making import table_of
-from cellctl.procedure import StepContext
-from procedures.steps.tracker.compensable import Compensable, Manner, MannerWanted, manner_of
-from procedures.steps.tracker.plans import PosePlan, Round
+from cellctl.formats.table import row_problems
+from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of, target_rows, valid_region
+from cellctl.kinematics import Bools, Floats
+from cellctl.procedure import CellContext, StepContext
+from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded, turn_posture
+from procedures.steps.tracker.posing import PosePlan, Round
 from procedures.steps.tracker.rows import PoseRow, ReturnRow, TargetsRow
-from procedures.steps.tracker.sessions import Sessions
-from procedures.steps.tracker.turn_planning import APPROACH_DEG, return_pose, rounded, turn_posture
+from procedures.steps.tracker.station import Sessions
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How targets are compensated: method, the most passes (None: until it converges), the cell's limit, deg."""
+
+    method: str
+    passes: int | None
+    limit_deg: float
+
+    @property
+    def name(self) -> str:
+        """As a table file names it."""
+        made = "" if self.passes is None else f", {self.passes} pass{'' if self.passes == 1 else 'es'}"
+        return f"{self.method}{made}"
+
+
+class MannerWanted(Protocol):
+    """The part of a step's settings that says how targets are compensated."""
+
+    @property
+    def method(self) -> str:
+        """Method of compensation."""
+
+    @property
+    def passes(self) -> int:
+        """Passes of the method, 0: until it converges."""
+
+    @property
+    def online(self) -> bool:
+        """Whether the robot goes to the nominal joints and is corrected on-line."""
+
+
+_OF_ONLINE_LIMIT = 0.9
+"""Share of the on-line limit that a target may need: a correction keeps room for braking before it."""
+
+
+def manner_of(context: CellContext, wanted: MannerWanted) -> Manner:
+    """How a step compensates in this cell."""
+    limit = table_correction_deg(context.cell)
+    if wanted.online:
+        limit = min(limit, _OF_ONLINE_LIMIT * online_correction_deg(context.cell))
+    return Manner(wanted.method, wanted.passes or None, limit)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Compensable:
+    """N targets (N, 4, 4), mm, in the model's frame, their nominal readings (N, n), deg, and the joints found.
+
+    reasons: why each gets no row, empty where it gets one.
+    """
+
+    targets: Floats
+    readings: Floats
+    found: Compensated
+    reasons: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: ModelFile, readings: Floats, manner: Manner) -> Self:
+        """Of the targets where the registered nominal robot would be at `readings` (N, n), deg."""
+        targets = nominal_chain(model).forward(model.robot.joint_map().model(readings))
+        found = compensated_targets(model, targets, readings, method=manner.method, passes=manner.passes)
+        rows = target_rows(model, targets, found)
+        refused = row_problems(rows, valid_region(model), model.robot, manner.limit_deg)
+        pairs = zip(found.reasons, refused, strict=True)
+        reasons = tuple(reason or next(iter(of_row), "") for reason, of_row in pairs)
+        return cls(targets, readings, found, reasons)
+
+    @property
+    def good(self) -> Bools:
+        """Which targets (N,) get a row."""
+        return np.array([not reason for reason in self.reasons], bool)
 
 
 @final

@@ -9,9 +9,8 @@ from pydantic import Field
 
 from cellctl.devices import DeviceFault, JointReadings, MovingRobot
 from cellctl.procedure import StepContext, StepResult, step
-from procedures.steps.rejoining import rejoin
-from procedures.steps.tracker.measuring import NEEDS, USES, PointInputs, measured_fields
-from procedures.steps.tracker.pointing import NotSettled
+from procedures.steps.contact_search import rejoin
+from procedures.steps.tracker.measuring import NEEDS, USES, NotSettled, PointInputs, measured_fields
 from procedures.steps.tracker.rows import ReturnRow, WarmUpRow
 
 if TYPE_CHECKING:
@@ -94,7 +93,7 @@ async def _exercise(context: StepContext, inputs: WarmUpInputs) -> None:
 
 async def _return(context: StepContext, inputs: WarmUpInputs, number: int) -> ReturnRow:
     """Measure the return pose; ends there."""
-    from procedures.steps.tracker.turn_planning import return_pose
+    from procedures.steps.tracker.circles import return_pose
 
     robot: MovingRobot = context.device("robot")
     home, before, turn = _way(context)
@@ -110,7 +109,7 @@ async def _return(context: StepContext, inputs: WarmUpInputs, number: int) -> Re
 def _way(context: StepContext) -> tuple[JointReadings, JointReadings, JointReadings]:
     """Home, the approach to the return pose, the return pose."""
     from cellctl.formats import RobotFile, postures_of
-    from procedures.steps.tracker.turn_planning import return_pose
+    from procedures.steps.tracker.circles import return_pose
 
     home = postures_of(context.cell, RobotFile.load(context.robot_file), "turn").home
     pose = return_pose(context, home, 0)

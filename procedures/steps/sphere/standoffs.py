@@ -1,8 +1,10 @@
-"""Makes stand-off targets, compensated joints, table and predictions from the located sphere."""
+"""Stand-offs from the located sphere: targets, compensated joints, table, predictions, and their measured distances."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, final
 
 import numpy as np
@@ -15,15 +17,15 @@ from cellctl.formats.table_making import compensated_targets, nominal_chain, tab
 from cellctl.kinematics import Floats
 from cellctl.planning import PlannedTouch
 from cellctl.procedure import StepContext
-from procedures.steps.sphere.planning import as_plan
-from procedures.steps.sphere.proof_planning import standoff_lines
+from procedures.steps.contact_search import FoundContact
+from procedures.steps.sphere.planning import as_plan, standoff_lines
 from procedures.steps.sphere.reference_touches import drift_of, last_number, touch_sigma_mm
-from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, TouchRow
-from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
+from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, StandOffRow, TouchRow
+from procedures.steps.sphere.touching import Round, StandOffPlan, TouchPlan
 
 if TYPE_CHECKING:
     from cellctl.compensation import Compensated
-
+    from cellctl.kinematics import JointMap
 
 _TOLERANCE_MM = 1e-4
 """Left by the compensated joints, far below a touch's scatter: as in older runs, which replay to the same bytes."""
@@ -266,3 +268,39 @@ def _sentence(name: str, sphere: _Sphere, table: TableFile) -> str:
         f"{name} located by {len(sphere.nominal.residuals)} touches (residuals {before:.3f} → {after:.3f} mm mean); "
         f"{len(table.rows)} targets compensated, joints by up to {table.max_correction_deg:.3f}°"
     )
+
+
+def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact) -> StandOffRow:
+    """The row that a stand-off records."""
+    import numpy as np
+
+    joints, models = _models(context.artefact("model.json"))
+    tips = models[target.run].tcp(joints.model([found.start, found.joints]))
+    travel = float((tips[0] - tips[1]) @ np.array(target.normal))
+    return StandOffRow(
+        number=target.number,
+        run=target.run,
+        row=target.row,
+        sphere=target.sphere,
+        nominal=tuple(target.nominal),
+        commanded=tuple(target.commanded),
+        at_target=tuple(found.start),
+        at_contact=tuple(round(value, 6) for value in found.joints),
+        normal=tuple(target.normal),
+        travel_mm=travel,
+        error_mm=travel - target.distance_mm,
+        expected_mm=target.expected_mm,
+        sigma_mm=target.sigma_mm,
+        attempt=context.attempt,
+        **found.row(),
+    )
+
+
+@lru_cache(maxsize=1)
+def _models(file: Path) -> tuple[JointMap, dict[str, RobotModel]]:
+    """Joint map, nominal and identified robot of a run's model, which is constant once written."""
+    from cellctl.calibration import RobotModel
+    from cellctl.formats.table_making import nominal_chain
+
+    model = ModelFile.load(file)
+    return model.robot.joint_map(), {"before": RobotModel(nominal_chain(model)), "after": model.robot_model()}

@@ -1,4 +1,4 @@
-"""The tool by touches on one sphere: plan the touches, do one, solve for the tool."""
+"""The tool's measurement: touches on one sphere, or poses at a fixed point to which the operator moves the tip."""
 
 from __future__ import annotations
 
@@ -7,11 +7,23 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from cellctl.devices import ContactProbe, SearchingRobot
+from cellctl.devices import ContactProbe, JointReader, SearchingRobot
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
-from procedures.steps.tool.plans import ToolPlan, ToolTouchPlan
-from procedures.steps.tool.rows import ToolTouchRow, ToolVerdict
+from procedures.steps.sphere.touching import TouchPlan
+from procedures.steps.tool.rows import ToolPoseRow, ToolTouchRow, ToolVerdict
+
+
+class ToolTouchPlan(TouchPlan):
+    """A planned touch and the number of its tool orientation, from 0."""
+
+    orientation: int
+
+
+class ToolPlan(StepResult):
+    """All touches, in order."""
+
+    touches: list[ToolTouchPlan]
 
 
 class PlanInputs(StepInputs):
@@ -24,7 +36,7 @@ class PlanInputs(StepInputs):
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.tool.planning import check_plan
+    from procedures.steps.tool.solving import check_plan
 
     check_plan(context, known)
 
@@ -36,7 +48,7 @@ def _planned(known: Mapping[str, Any]) -> int:
 @step("tool.plan", check=_check_plan, title="planning touches", expects=_planned)
 async def plan(context: StepContext, inputs: PlanInputs) -> ToolPlan:
     """Plan touches on one sphere with several tool orientations, by ways clear of all spheres."""
-    from procedures.steps.tool.planning import planned_touches
+    from procedures.steps.tool.solving import planned_touches
 
     touches = await context.clock.compute(
         planned_touches, context, inputs.sphere, inputs.orientations, inputs.held_out, inputs.touches
@@ -95,3 +107,32 @@ async def solve_touches(context: StepContext, inputs: NoInputs) -> Solved:
     from procedures.steps.tool.solving import record_solution, tool_of_touches
 
     return await record_solution(context, await context.clock.compute(tool_of_touches, context))
+
+
+class PoseInputs(StepInputs):
+    """The number of the pose, from 0."""
+
+    number: Annotated[int, Field(ge=0)]
+
+
+class ReadPose(StepResult):
+    """The joint readings, degrees."""
+
+    joints: list[float]
+
+
+@step("tool.read_pose", needs={"robot": JointReader}, title="reading the joints")
+async def read_pose(context: StepContext, inputs: PoseInputs) -> ReadPose:
+    """Read the joints with the tip at the fixed point; nothing moves."""
+    robot: JointReader = context.device("robot")
+    joints = tuple(round(value, 6) for value in await robot.joints())
+    await context.record(ToolPoseRow(number=inputs.number, joints=joints))
+    return ReadPose(joints=list(joints))
+
+
+@step("tool.solve_poses", verdict=ToolVerdict, title="solving for the tool")
+async def solve_poses(context: StepContext, inputs: NoInputs) -> Solved:
+    """Find tool and point from the poses, judge the tool on each pose by the others, write `tool.yaml`."""
+    from procedures.steps.tool.solving import record_solution, tool_of_poses
+
+    return await record_solution(context, await context.clock.compute(tool_of_poses, context))

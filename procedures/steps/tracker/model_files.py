@@ -1,4 +1,4 @@
-"""Reads the model that an earlier run identified, and refuses one that is not of the cell's robot and tool."""
+"""Model files of a campaign: an earlier run's model, refused for another robot, and the correction model of a run."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from cellctl.calibration import Postures
 from cellctl.devices.cell import table_correction_deg
 from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile, RobotFile
+from cellctl.formats.load import load_of
+from cellctl.formats.online import CorrectionFile
 from cellctl.journal import run_place
 from cellctl.operations.compensating import CellRobot, LearntOn, refuse_model, refuse_other_cell, stated_on
 from cellctl.procedure import CellContext, StepContext
@@ -63,3 +68,23 @@ def read_model(context: StepContext) -> ModelFile | None:
     """The model that this run read, from its run folder; None without one."""
     read = context.recorded(ReadModelRow)
     return ModelFile.load(context.artefact(MODEL_FILE)) if read else None
+
+
+REFERENCE_C = 20.0
+"""The temperature at which a model's lengths hold."""
+
+
+def correction_file(context: StepContext, arm_c: float | None) -> CorrectionFile:
+    """Of `model.json` in the run folder. Raises InputError for a model that cannot be applied on-line."""
+    model = ModelFile.load(context.artefact("model.json"))
+    load = load_of(context.cell)
+    at = Postures(
+        np.zeros((1, model.robot.n)),
+        delta_t=None if arm_c is None else np.array([arm_c - REFERENCE_C]),
+        payload=np.array([load.mass]) if load else None,
+        payload_at=np.array([load.xyz]) if load else None,
+    )
+    try:
+        return CorrectionFile.of(model, at)
+    except ValueError as error:
+        raise InputError(context.cell.problem((), str(error), "identify a model without it (--set model=…)")) from error
