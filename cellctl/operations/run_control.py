@@ -174,7 +174,9 @@ async def act(folder: Path, name: ActionName, operator: Operator, text: str = ""
     mailbox.withdraw(number)
     if writer_of(folder) is None:
         raise _refused(folder, f"this run ended before it took '{name}'", "look with `cellctl show`")
-    raise _refused(folder, f"this run did not take '{name}' within {_PATIENCE_S:g} s", "is its process still at work?")
+    raise _refused(
+        folder, f"this run did not take '{name}' within {_ACTION_PATIENCE_S:g} s", "is its process still at work?"
+    )
 
 
 async def _taken(folder: Path, number: str, seen: int, clock: Clock) -> OperatorAction | None:

@@ -274,7 +274,7 @@ def _digits(row: TableRow) -> tuple[str, ...]:
     return tuple(f"{value + 0.0:.{JOINT_DECIMALS}f}" for value in (*row.nominal, *row.compensated))
 
 
-Answer = TypeVar("Result")
+Answer = TypeVar("Answer")
 
 
 @final

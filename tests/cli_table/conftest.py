@@ -10,7 +10,7 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.devices import ControllerTable, DeviceRefused, Identity, TableInfo, TableState
-from cellctl.operations import table
+from cellctl.operations import table as table_module
 from cellctl.operations.cell_devices import Connected
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
@@ -94,7 +94,7 @@ def controller(monkeypatch):
         found.connections += 1
         yield {name: Connected(found, found.identity) for name in names}
 
-    monkeypatch.setattr(table, "connected", instead)
+    monkeypatch.setattr(table_module, "connected", instead)
     return found
 
 

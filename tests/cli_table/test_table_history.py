@@ -9,6 +9,7 @@ import pytest
 
 from cellctl.devices import DeviceLost, DeviceUncertain
 from cellctl.formats import TableFile
+from cellctl.operations import table as table_module
 from cellctl.operations.table_history import TableHistory
 
 SERIAL = "SIM-4711"
@@ -217,7 +218,7 @@ def test_a_full_disk_does_not_keep_a_table_from_the_controller(
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(table, {"begin": "append_line", "copy": "write_atomically"}[where], full)
+    monkeypatch.setattr(table_module, {"begin": "append_line", "copy": "write_atomically"}[where], full)
     assert cellctl("table", "push", table, "--cell", cell, "--json", "pushed.json") == 0
     shown = capsys.readouterr()
     assert "is in force on SIM-4711" in shown.out

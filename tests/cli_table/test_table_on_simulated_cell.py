@@ -15,7 +15,8 @@ from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import TableFile
-from cellctl.operations import cell_devices, table
+from cellctl.operations import cell_devices
+from cellctl.operations import table as table_module
 
 
 def run(*words):
@@ -93,7 +94,7 @@ def test_another_simulated_robots_table_is_refused_and_the_old_one_stays(cell, c
 def test_a_controller_that_restarts_during_a_push_has_the_table_that_the_end_of_the_command_tells(
     cell, capsys, monkeypatch, after_ms
 ):
-    monkeypatch.setattr(table, "connected", restarting(monkeypatch, after_ms))
+    monkeypatch.setattr(table_module, "connected", restarting(monkeypatch, after_ms))
     code = cell.table("push", cell.first)
     said = capsys.readouterr().err
     monkeypatch.undo()

@@ -40,7 +40,8 @@ from cellctl.calibration import (
     identify,
 )
 from cellctl.kinematics import to_poe
-from cellctl.report.fit import advice, by_place, parameters, residual_pictures
+from cellctl.report.fit import advice as advices
+from cellctl.report.fit import by_place, parameters, residual_pictures
 from cellctl.report.fit.advice import advice, narrows
 from cellctl.report.fit.page import head
 from cellctl.report.fit.region import RegionSigma, along_joint
@@ -354,22 +355,22 @@ class TestHints:
     """Advice where something is plainly missing, and none where nothing is."""
 
     def test_nothing_is_missing_in_a_good_set(self, seen):
-        assert list(advice.hints(seen)) == []
+        assert list(advices.hints(seen)) == []
 
     def test_a_joint_that_hardly_moved(self):
         region = np.array([[-40, -95, 55, -70, 40, -90], [40, -45, 105, 70, 60, 90]], float)
-        (hint,) = advice.hints(told(measured(positions(120, region=region))))
+        (hint,) = advices.hints(told(measured(positions(120, region=region))))
         assert re.fullmatch(r"A5 covered only \d\d° of 234°: spread it\.", hint) or hint.startswith("A5 covered only")
 
     def test_a_tool_that_was_never_turned(self):
         region = np.array([[-3, -65, 80, -3, 40, -3], [3, -62, 83, 3, 43, 3]], float)
         story = told(measured(positions(120, region=region)))
-        assert any("kept its orientation" in hint for hint in advice.hints(story))
+        assert any("kept its orientation" in hint for hint in advices.hints(story))
 
     def test_no_length(self):
-        first = advice.hints(told(pointed(sockets(60), spacings=None)))[0]
+        first = advices.hints(told(pointed(sockets(60), spacings=None)))[0]
         assert first.startswith("No length was measured")
-        first = advice.hints(told(pointed(touches(60), spacings=None)))[0]
+        first = advices.hints(told(pointed(touches(60), spacings=None)))[0]
         assert first.startswith("No distance between points is certified")
 
     def test_play_seen_from_one_side_alone(self):
@@ -377,10 +378,10 @@ class TestHints:
         side = np.ones(block.q.shape)
         side[::2, 1:] = -1.0
         task = measured(PositionRows(Postures(block.q, side), block.xyz, block.sigma)).with_effects((Backlash(6),))
-        assert "A1 always came from the same side" in " ".join(advice.hints(told(task)))
+        assert "A1 always came from the same side" in " ".join(advices.hints(told(task)))
 
     def test_too_few_numbers_and_no_proof(self):
-        said = " ".join(advice.hints(told(measured(positions(12)), held_out=0)))
+        said = " ".join(advices.hints(told(measured(positions(12)), held_out=0)))
         assert "36 measured numbers for 33 parameters" in said
         assert "No row was held out" in said
 

@@ -9,7 +9,7 @@ from typing import final
 
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, ReadableJournal, RunState, fold, is_being_written, journal_in
-from cellctl.operations.export import archive, bluesky, event_lines, parquet, samples
+from cellctl.operations.export import archive, events, samples
 
 
 @final
@@ -97,18 +97,18 @@ class _Export:
             case Form.PARQUET:
                 return self._parquet()
             case Form.JSONL:
-                return event_lines.event_lines(self._journal).encode()
+                return events.event_lines(self._journal).encode()
             case Form.BLUESKY:
                 return self._bluesky().encode()
             case Form.ZIP:
                 return self._zip(missing)
 
     def _parquet(self) -> bytes:
-        return parquet.parquet(self._samples, self._name)
+        return samples.parquet(self._samples, self._name)
 
     def _bluesky(self) -> str:
         alive = is_being_written(self._place)
-        return bluesky.bluesky(self._name, self._journal.entries, self._state, alive=alive)
+        return events.bluesky(self._name, self._journal.entries, self._state, alive=alive)
 
     def _zip(self, missing: list[str]) -> bytes:
         files = archive.Archive()
@@ -116,7 +116,7 @@ class _Export:
         archive.add_exports(files, self._journal, self._samples)
         what = "samples as documents of bluesky's event model, one [name, document] per line; times in s (Unix)"
         files.add_tried("exports/bluesky.jsonl", what, self._bluesky)
-        if parquet.installed():
+        if samples.installed():
             files.add_tried("exports/samples.parquet", "exports/samples.csv as Parquet", self._parquet)
         if not (journal_in(self._place).parent / "report.html").is_file():
             files.add_tried("report.html", "calibration report so far; prints on A4", self._report)

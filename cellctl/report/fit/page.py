@@ -15,7 +15,7 @@ from cellctl.files import write_atomically
 from cellctl.records import IdentificationRow, ResidualsRow
 from cellctl.report.budget import FIGURES, IDENTIFICATION
 from cellctl.report.figures import fit_lines, percent, reasons, with_sigma
-from cellctl.report.fit import parameters
+from cellctl.report.fit import parameters as listed_parameters
 from cellctl.report.fit.advice import advice, hints
 from cellctl.report.fit.parameters import coefficients, correlation, groups, held
 from cellctl.report.fit.region import RegionSigma, curves, figures
@@ -176,10 +176,10 @@ def parameters(story: FitStory) -> Section:
         ],
         "held": held(story),
         "coefficients": coefficients(story),
-        "placements": parameters.placements(story),
-        "points": parameters.points(story),
-        "planes": parameters.planes(story),
-        "datums": parameters.datums(story),
+        "placements": listed_parameters.placements(story),
+        "points": listed_parameters.points(story),
+        "planes": listed_parameters.planes(story),
+        "datums": listed_parameters.datums(story),
     }
 
 
