@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any, Self, final
 
 import numpy as np
-from scipy.stats import chi2
 
+from cellctl.calibration.distributions import chi2_isf
 from cellctl.calibration.selection.cross_validation import Linear
 from cellctl.kinematics import Bools, Floats
 
@@ -72,11 +72,11 @@ def within_limit(linear: Linear, *, thorough: bool) -> Kept | None:
     """Rows whose leave-one-out χ² is within the limit; None where too few are left. thorough: the cheapest of many
     sets.
     """
-    limit = np.asarray(chi2.isf(OUTLIER_P, linear.numbers))
+    limit = chi2_isf(OUTLIER_P, linear.numbers)
     everyone = Kept.of(linear, np.ones(len(linear.away), bool), limit)
     if not (everyone.leave_one_out_chi2 > limit).any():
         return everyone
-    limit = np.asarray(chi2.isf(OUTLIER_P_BESIDE, linear.numbers))
+    limit = chi2_isf(OUTLIER_P_BESIDE, linear.numbers)
     found = _settled(linear, everyone, limit)
     if not thorough or linear.numbers.sum() > DECISIVE * len(linear.known):
         return found

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics.arrays import Floats
 
@@ -33,6 +32,8 @@ def pose(rotation: ArrayLike, xyz: ArrayLike) -> Floats:
 
 def rotation_from_abc(abc: ArrayLike) -> Floats:
     """Rotation matrices (..., 3, 3) from KUKA angles A, B, C (..., 3), degrees."""
+    from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
+
     angles = np.asarray(abc, float)
     matrices: Floats = Rotation.from_euler("ZYX", angles.reshape(-1, 3), degrees=True).as_matrix()
     return matrices.reshape((*angles.shape[:-1], 3, 3))
@@ -56,6 +57,8 @@ def abc_from_rotation(rotation: ArrayLike) -> Floats:
 
 def rotation_from_quaternion(wxyz: ArrayLike) -> Floats:
     """Rotation matrices (..., 3, 3) from quaternions W, X, Y, Z (..., 4), of any length but zero (ValueError)."""
+    from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
+
     quaternion = np.asarray(wxyz, float)
     matrices = Rotation.from_quat(quaternion.reshape(-1, 4), scalar_first=True).as_matrix()
     return matrices.reshape(*quaternion.shape[:-1], 3, 3)

@@ -17,8 +17,8 @@ from typing import NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
+from cellctl.calibration.distributions import chi2_isf, chi2_ppf, chi2_sf
 from cellctl.kinematics import Bools, Floats, SerialChain, inverse_pose, pose, pose_difference
 from cellctl.metrology.measured_pose import MeasuredPose
 from cellctl.metrology.points import Points, whitened
@@ -75,7 +75,7 @@ class Circle:
     @property
     def p_value(self) -> float:
         """Probability of residuals at least this large if the stated covariances are right."""
-        return float(stats.chi2.sf(self.chi2, self.dof)) if self.dof else 1.0
+        return float(chi2_sf(self.chi2, self.dof)) if self.dof else 1.0
 
 
 class _Shape(NamedTuple):
@@ -174,9 +174,9 @@ class _Fit:
         rest = weight - weight @ self.jacobian @ inverse @ self.jacobian.T @ weight
         blocks = np.stack([rest[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(len(pulled))])
         tests = np.einsum("ni,nij,nj->n", pulled, np.linalg.pinv(blocks, hermitian=True), pulled)
-        tests /= max(1.0, float(np.median(tests)) / stats.chi2.median(2))
+        tests /= max(1.0, float(np.median(tests)) / chi2_ppf(0.5, 2))
         worst = int(tests.argmax())
-        if tests[worst] < stats.chi2.isf(OUTLYING / len(tests), 2):
+        if tests[worst] < chi2_isf(OUTLYING / len(tests), 2):
             return None
         return int(np.flatnonzero(self.inliers)[worst])
 

@@ -29,8 +29,8 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
+from cellctl.calibration.distributions import f_isf
 from cellctl.kinematics import Bools, Floats
 from cellctl.metrology.measured_pose import rigid_transform
 from cellctl.metrology.points import block_diagonal
@@ -254,7 +254,7 @@ def deviations(runs: ArrayLike, baseline: int) -> Floats:
 def t2_limit(runs: int, features: int, false_alarm: float) -> float:
     """Limit of T² for a new run, exact for normal noise."""
     factor = features * (runs + 1) * (runs - 1) / (runs * (runs - features))
-    return float(factor * stats.f.isf(false_alarm, features, runs - features))
+    return float(factor * f_isf(false_alarm, features, runs - features))
 
 
 @lru_cache(maxsize=32)

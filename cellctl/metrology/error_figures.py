@@ -14,8 +14,8 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
+from cellctl.calibration.distributions import maxwell_cdf, normal_ppf, t_ppf
 from cellctl.kinematics import Floats
 
 
@@ -99,7 +99,7 @@ class ErrorIntervals:
 def _half(values: np.ndarray) -> float:
     """Half of Student's 95 % interval of the mean of `values` (N,)."""
     count = len(values)
-    return float(stats.t.ppf(0.975, count - 1) * values.std(ddof=1) / np.sqrt(count))
+    return float(t_ppf(0.975, count - 1) * values.std(ddof=1) / np.sqrt(count))
 
 
 @final
@@ -125,7 +125,7 @@ def floor_ratio(errors_mm: ArrayLike, floor_mm: ArrayLike) -> FloorRatio:
         raise ValueError("the floor needs the errors of model and truth on the same two or more rows")
     ratio = float(np.sqrt(errors.mean() / floor.mean()))
     spread = errors / errors.mean() - floor / floor.mean() if errors.any() else np.zeros(len(errors))
-    half = 0.5 * float(spread.std(ddof=1)) / np.sqrt(len(errors)) * float(stats.norm.ppf(0.975))
+    half = 0.5 * float(spread.std(ddof=1)) / np.sqrt(len(errors)) * float(normal_ppf(0.975))
     rms, of_floor = float(np.sqrt(errors.mean())), float(np.sqrt(floor.mean()))
     return FloorRatio(rms, of_floor, ratio, float(ratio * np.exp(-half)), float(ratio * np.exp(half)))
 
@@ -137,5 +137,5 @@ def expected_floor(noise_3d_rms_mm: float, rows: int) -> tuple[float, float]:
     """
     sigma = noise_3d_rms_mm / np.sqrt(3.0)
     x = np.linspace(0.0, 12.0, 12001)
-    largest = np.trapezoid(1.0 - stats.maxwell.cdf(x) ** rows, x)
+    largest = np.trapezoid(1.0 - maxwell_cdf(x) ** rows, x)
     return float(sigma * np.sqrt(8.0 / np.pi)), float(sigma * largest)

@@ -19,8 +19,8 @@ from typing import NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
+from cellctl.calibration.distributions import normal_sf, t_ppf, t_sf
 from cellctl.kinematics import Floats
 from cellctl.metrology.points import Points, block_diagonal
 
@@ -73,9 +73,9 @@ def settling(times_s: ArrayLike, xyz: ArrayLike, limits: SettlingLimits) -> Sett
     span, free = float(np.ptp(times)), limits.samples - 2
     scatter = float(np.sqrt((rest**2).sum() / free))
     drift = float(np.linalg.norm(slopes)) * span
-    bound = drift + float(stats.t.ppf(limits.confidence, free) * np.sqrt((sigma**2).mean())) * span
+    bound = drift + float(t_ppf(limits.confidence, free) * np.sqrt((sigma**2).mean())) * span
     ratios = np.divide(slopes, sigma, out=np.zeros(3), where=sigma > 0.0)
-    p_value = min(1.0, 3.0 * float(2.0 * stats.t.sf(np.abs(ratios).max(), free)))
+    p_value = min(1.0, 3.0 * float(2.0 * t_sf(np.abs(ratios).max(), free)))
     reason = _reason(limits, scatter, bound)
     return Settling(not reason, scatter, drift, bound, float(np.linalg.norm(slopes)), p_value, reason)
 
@@ -208,7 +208,7 @@ def constant_error(
     spread = 1.0 / float(sensitivity @ weighted)
     error = spread * float(weighted @ (found - known))
     zero = float(nests.range_sigma.max())
-    p_value = float(2.0 * stats.norm.sf(abs(error) / np.hypot(np.sqrt(spread), zero)))
+    p_value = float(2.0 * normal_sf(abs(error) / np.hypot(np.sqrt(spread), zero)))
     return ConstantError(
         error, float(np.sqrt(spread)), zero, p_value, float(np.abs(sensitivity).max()), p_value < alpha
     )

@@ -7,9 +7,9 @@ from typing import NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from cellctl.calibration.distributions import chi2_ppf, chi2_sf
 from cellctl.calibration.estimation.registration import rigid_fit
 from cellctl.kinematics import Floats, inverse_pose, pose, pose_difference
 from cellctl.metrology.points import whitened
@@ -79,7 +79,7 @@ def nees_range(values: ArrayLike, size: int, confidence: float = 0.99) -> NeesRa
     """Mean of NEES `values` (K,) of errors with `size` components; limits χ²(K·size) / (K·size)."""
     each = np.asarray(values, float)
     count = each.size * size
-    low, high = stats.chi2.interval(confidence, count)
+    low, high = chi2_ppf([0.5 - confidence / 2.0, 0.5 + confidence / 2.0], count)
     return NeesRange(float(each.mean()), float(low) / count, float(high) / count)
 
 
@@ -104,7 +104,7 @@ class RigidFit:
     @property
     def p_value(self) -> float:
         """Probability of residuals at least this large if the covariances are right; 1 without redundancy."""
-        return float(stats.chi2.sf(self.chi2, self.dof)) if self.dof > 0 else 1.0
+        return float(chi2_sf(self.chi2, self.dof)) if self.dof > 0 else 1.0
 
 
 def rigid_transform(points: Floats, measured: Floats, covariance: Floats) -> RigidFit:

@@ -14,8 +14,8 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
+from cellctl.calibration.distributions import chi2_sf
 from cellctl.kinematics import Floats, inverse_pose
 from cellctl.metrology.measured_pose import MeasuredPose, RigidFit, cross_matrix, rigid_transform
 from cellctl.metrology.points import Points, block_diagonal
@@ -84,7 +84,7 @@ def station_motion(
     shift = float(np.linalg.norm(sets[-1].xyz.mean(axis=0) - sets[0].xyz.mean(axis=0)))
     rate = shift / max(float(times[-1] - times[0]), 1e-9) * 3600.0
     still = _mean(sets)
-    p_still = float(stats.chi2.sf(still.chi2, still.dof))
+    p_still = float(chi2_sf(still.chi2, still.dof))
     if p_still >= UNLIKELY or largest <= tolerance_mm:
         return StationMotion(StationState.STILL, p_still, 1.0, 0, None, largest, rate, True)
     before, motion, p_moved = _one_step(sets)
@@ -125,7 +125,7 @@ def robot_growth(
         rows = np.concatenate([np.tile(np.eye(3), (len(after), 1, 1)), -cross_matrix(arms)], axis=2).reshape(-1, 6)
         covariance = covariance + rows @ back_pose.covariance @ rows.T
     flat = displacement.ravel()
-    p_value = float(stats.chi2.sf(flat @ np.linalg.solve(covariance, flat), flat.size))
+    p_value = float(chi2_sf(flat @ np.linalg.solve(covariance, flat), flat.size))
     beyond = float(np.linalg.norm(displacement, axis=1).max()) > tolerance_mm
     return Growth(p_value < UNLIKELY and beyond, displacement, covariance, p_value)
 
@@ -168,7 +168,7 @@ def _one_step(sets: Sequence[_Mean]) -> tuple[int, RigidFit, float]:
             best = chi2, before, motion, dof
     assert best is not None
     chi2, before, motion, dof = best
-    return before, motion, float(stats.chi2.sf(chi2, dof))
+    return before, motion, float(chi2_sf(chi2, dof))
 
 
 def _refuse_loose(sets: Sequence[_Mean], own: Sequence[RigidFit], names: Sequence[str]) -> None:

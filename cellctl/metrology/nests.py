@@ -13,8 +13,8 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
+from cellctl.calibration.distributions import normal_ppf
 from cellctl.kinematics import Floats, pose
 from cellctl.metrology.measured_pose import MeasuredPose, rigid_transform
 from cellctl.metrology.points import Points, block_diagonal
@@ -138,7 +138,7 @@ def _fits(measured: Points, plate: NestPlate, order: Sequence[int]) -> bool:
     """Whether every distance fits, if measurement k is of nest order[k]; Bonferroni over the distances."""
     pairs = _pairs(len(order))
     off, sigma = _differences(measured, plate.ordered(list(order)), pairs)
-    return bool((np.abs(off) < stats.norm.isf(UNLIKELY / (2.0 * len(pairs))) * sigma).all())
+    return bool((np.abs(off) < -normal_ppf(UNLIKELY / (2.0 * len(pairs))) * sigma).all())
 
 
 def _pairs(count: int) -> list[tuple[int, int]]:

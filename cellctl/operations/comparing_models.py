@@ -264,7 +264,7 @@ def _test(difference: Floats, variance: Floats) -> tuple[float, int, float]:
 
     Combinations without variance do not count. Both tests are corrected for their number (Bonferroni).
     """
-    from scipy import stats
+    from cellctl.calibration.distributions import chi2_sf, normal_sf
 
     sigma = np.sqrt(np.maximum(np.diag(variance), 0.0))
     used = sigma > 0.0
@@ -275,8 +275,8 @@ def _test(difference: Floats, variance: Floats) -> tuple[float, int, float]:
     values, vectors = np.linalg.eigh(variance / np.outer(sigma, sigma))
     firm = values > _SINGULAR
     chi2, dof = float(np.sum((vectors[:, firm].T @ scaled) ** 2 / values[firm])), int(firm.sum())
-    largest = 2.0 * stats.norm.sf(np.abs(scaled).max()) * len(scaled)
-    return chi2, dof, float(min(1.0, 2.0 * min(stats.chi2.sf(chi2, dof), largest)))
+    largest = 2.0 * float(normal_sf(np.abs(scaled).max())) * len(scaled)
+    return chi2, dof, float(min(1.0, 2.0 * min(float(chi2_sf(chi2, dof)), largest)))
 
 
 def _in_sigmas(change: ParameterChange) -> float:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
@@ -100,6 +99,8 @@ def base_and_tool(flange: Floats, measured: Floats, taught: Floats, taught_mm: f
 
 def turned_tool(chain: SerialChain, q: Floats, measured: Floats) -> SerialChain:
     """`chain` with its tool turned to fit `measured` rotations (N, 3, 3) at q (N, n), rad."""
+    from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
+
     flange = chain.forward_flange(q)[:, :3, :3]
     turn = Rotation.from_matrix(np.matmul(np.swapaxes(flange, -1, -2), measured)).mean().as_matrix()
     return chain.with_tool(pose(turn, chain.tool_now[:3, 3]))
@@ -134,6 +135,8 @@ def _relaxed_tool(flange: Floats, measured: Floats) -> Floats:
 
 def _refined(flange: Floats, measured: Floats, tool: Floats, along: Floats) -> tuple[Floats, Floats]:
     """Gauss–Newton from the rigid base that goes with `tool` (3,), which moves along directions `along` (3, K) only."""
+    from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
+
     base = rigid_fit(_tips(flange, np.eye(4), tool), measured)
     for _ in range(STEPS):
         lines, residual, size = _linear(flange, measured, base, tool)

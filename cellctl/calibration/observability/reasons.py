@@ -12,7 +12,6 @@ from functools import cached_property, partial
 from typing import final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.effects.motor_torsion import VARIES_A
 from cellctl.calibration.model.unknowns import State, Unknowns
@@ -187,6 +186,8 @@ def _on_a_step(block: Measured, state: State) -> Measured:
 
 def _on_other_planes(rows: Rowed, plane: int) -> Floats:
     """Lines of the same rows on planes across the first one, with the planes' own places eliminated."""
+    from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
+
     normal = planes_of(rows.state.points[plane])[0]
     found = [np.zeros((0, int(np.count_nonzero(rows.unknowns.free))))]
     blocks = [thinned(block) for block in rows.blocks]

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
 import numpy as np
-from scipy.stats import chi2
 
+from cellctl.calibration.distributions import chi2_sf
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
@@ -221,5 +221,5 @@ def predict_rows(
         wider = spread + (tails**2 - 1.0) * np.eye(residual.shape[1])
         along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
         variance[part] = np.sum(along[:, lengths], axis=-1)
-        p_value[part] = chi2.sf(squared_distances(residual, wider), residual.shape[1])
+        p_value[part] = chi2_sf(squared_distances(residual, wider), residual.shape[1])
     return PredictedRows(variance, p_value)

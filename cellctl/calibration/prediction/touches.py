@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cellctl.calibration.distributions import t_ppf
 from cellctl.calibration.estimation.estimate import Estimate, estimate
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.robot_model import RobotModel
@@ -157,7 +158,6 @@ def linear_drift(touch: ArrayLike, shift_mm: ArrayLike, sigma_mm: float) -> Drif
     t test of the slope. Its scatter is pooled from the prior `sigma_mm`, with `KNOWN_FROM` cycles, and the visits about
     the line, with V − 2: a few visits alone give a poor estimate. Fewer than three visits show no drift.
     """
-    from scipy.stats import t as student
 
     number, shift = np.asarray(touch, float), np.asarray(shift_mm, float)
     visits = int(number.size)
@@ -171,5 +171,5 @@ def linear_drift(touch: ArrayLike, shift_mm: ArrayLike, sigma_mm: float) -> Drif
     scatter = float(np.sqrt((KNOWN_FROM * sigma_mm**2 + residual @ residual) / freedom))
     sigma = scatter / spread**0.5
     ratio = slope / sigma
-    significant = abs(ratio) > float(student.ppf(1.0 - SIGNIFICANT / 2.0, freedom))
+    significant = abs(ratio) > float(t_ppf(1.0 - SIGNIFICANT / 2.0, freedom))
     return Drift(slope, sigma, ratio, bool(significant), visits)

@@ -15,7 +15,6 @@ from typing import ClassVar, Self, final
 import numpy as np
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrf, dpotri
-from scipy.optimize import minimize
 
 from cellctl.calibration.effects.effect import EffectInputs
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
@@ -93,6 +92,8 @@ class AxisProcess:
 
         known (N, N): covariance, mm², of what other terms of a model may explain of these errors; none where absent.
         """
+        from scipy.optimize import minimize  # at first use: it takes 0.2 s
+
         each = [*[priors.length] * q.shape[1], priors.amplitude, priors.nugget]
         medians, sigmas = np.log([one.median for one in each]), np.array([one.sigma for one in each])
         bounds = [(float(np.log(one.low)), float(np.log(one.high))) for one in each]

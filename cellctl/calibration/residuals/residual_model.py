@@ -9,7 +9,6 @@ from typing import Self, final
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.spatial.distance import cdist
 
 from cellctl.calibration.effects.effect import Effect
 from cellctl.calibration.model.postures import Postures
@@ -77,6 +76,8 @@ class PostureBasis:
         return np.asarray(np.clip(1.0 - np.sum(self.values(q) ** 2, axis=1), 0.0, 1.0))
 
     def _kernel(self, q: Floats) -> Floats:
+        from scipy.spatial.distance import cdist  # at first use: it takes 0.2 s
+
         return np.asarray(np.exp(-0.5 * cdist(q, self.centres, "sqeuclidean") / self.length_rad**2))
 
 

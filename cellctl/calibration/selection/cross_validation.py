@@ -13,8 +13,8 @@ from typing import Any, Self, final
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.stats import chi2
 
+from cellctl.calibration.distributions import chi2_ppf
 from cellctl.calibration.estimation.estimate import held_beforehand, linearised
 from cellctl.calibration.estimation.evidence import Factor, Normal, System
 from cellctl.calibration.model.unknowns import Unknowns
@@ -95,7 +95,7 @@ class Linear:
         squares = residual**2 / np.diagonal(predicted, axis1=-2, axis2=-1)
         result = np.ones(int(self.factors.max()) + 1)
         for each in self._kinds:
-            result[each] = np.sqrt(np.median(squares[self.factors == each]) / chi2.median(1))
+            result[each] = np.sqrt(np.median(squares[self.factors == each]) / chi2_ppf(0.5, 1))
         return result
 
     def _predicted(self, kept: Bools) -> tuple[Floats, Floats, Floats]:

@@ -8,6 +8,7 @@ from typing import Any, Literal, Self, TypeAlias, final
 
 import numpy as np
 
+from cellctl.calibration.distributions import binomial_cdf, t_ppf
 from cellctl.calibration.outliers import OUTLYING
 from cellctl.kinematics import Bools, Floats
 
@@ -187,10 +188,9 @@ def _sigma_trusted(rows: HeldOut, doubts: Sequence[str]) -> tuple[bool | None, s
 
 def _predicted(rows: HeldOut, found: float) -> bool:
     """Whether the found errors (`found`: their RMS, mm) are those predicted, by coverage or by size."""
-    from scipy.stats import binom
 
     count = max(round(rows.count), 1)
-    covered = float(binom.cdf(round(float(rows.inside.mean()) * count), count, 0.95)) >= UNLIKELY
+    covered = float(binomial_cdf(round(float(rows.inside.mean()) * count), count, 0.95)) >= UNLIKELY
     return covered or rows.predicted_rms * FAR >= found
 
 
@@ -223,9 +223,8 @@ def rows_for_better(nominal: Floats, identified: Floats) -> int | None:
 
 def _bound(gain: Floats, rows: Any) -> Any:
     """A mean of `rows` differences with the scatter of `gain` (N,), mm, is significant beyond this, mm."""
-    from scipy.stats import t
 
-    return t.ppf(0.975, np.asarray(rows) - 1) * gain.std(ddof=1) / np.sqrt(rows)
+    return t_ppf(0.975, np.asarray(rows) - 1) * gain.std(ddof=1) / np.sqrt(rows)
 
 
 def verdict_sentence(

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Self, final
 
 import numpy as np
-from scipy.stats import binom, chi2
 
+from cellctl.calibration.distributions import binomial_cdf, chi2_isf
 from cellctl.calibration.estimation.identify import Identification, Weights, certain
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion
@@ -123,13 +123,13 @@ def _tails(predicted: Predicted, noise: Floats) -> float:
     if not known.any():
         return 1.0
     residual, covariance, own = predicted.residual[known], predicted.covariance[known], noise[known] ** 2
-    limits = chi2.isf(0.05, np.count_nonzero(own > 0.0, axis=1))
+    limits = chi2_isf(0.05, np.count_nonzero(own > 0.0, axis=1))
     added = own[:, :, None] * np.eye(own.shape[1])
 
     def inside(factor: float) -> int:
         return int(np.count_nonzero(squared_distances(residual, covariance + (factor**2 - 1.0) * added) <= limits))
 
-    if binom.cdf(inside(1.0), len(residual), 0.95) > UNLIKELY:
+    if binomial_cdf(inside(1.0), len(residual), 0.95) > UNLIKELY:
         return 1.0
     enough = (each for each in np.arange(1.0, WIDEST, 0.02) if inside(float(each)) >= 0.95 * len(residual))
     return float(next(enough, WIDEST))

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from cellctl.calibration.distributions import f_sf, normal_sf
 from cellctl.kinematics import Bools, Floats
 from cellctl.report.drawing import ACCENT, BEFORE, HELD_OUT, INK, svg_of
 from cellctl.report.fit.residuals import Residuals
@@ -120,7 +121,6 @@ def _pattern(readings: Floats, values: Floats) -> tuple[float, float, float]:
 
     Analysis of variance; random scatter adds (B − 1) times the variance within the B bins.
     """
-    from scipy.stats import f
 
     _, own = np.unique(bins_of(readings), return_inverse=True)
     count, whole = np.bincount(own), float(np.sum((values - values.mean()) ** 2))
@@ -130,7 +130,7 @@ def _pattern(readings: Floats, values: Floats) -> tuple[float, float, float]:
         return 0.0, 0.0, 1.0
     noise = within / free
     share = max((whole - within - between * noise) / whole, 0.0)
-    p_value = float(f.sf((whole - within) / between / max(noise, 1e-300), between, free))
+    p_value = float(f_sf((whole - within) / between / max(noise, 1e-300), between, free))
     return share, float(np.sqrt(share * whole / len(values))), p_value
 
 
@@ -256,12 +256,11 @@ def _histogram(axes: Axes, sets: list[tuple[str, Floats, str]]) -> None:
 
 
 def _shares(axes: Axes, rows: Residuals, fit: Floats) -> None:
-    from scipy.stats import norm
 
     axes.plot([0, 100], [0, 100], color=INK, linewidth=0.6)
     predicted = np.linspace(0.0, 1.0, 101)
     for label, p_value, colour in (
-        ("numbers of the fit", 2.0 * norm.sf(np.abs(fit)), ACCENT),
+        ("numbers of the fit", 2.0 * normal_sf(np.abs(fit)), ACCENT),
         ("held-out rows", rows.p_value[np.isfinite(rows.p_value)], HELD_OUT),
     ):
         if p_value.size:
