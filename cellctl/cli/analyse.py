@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from cellctl.analysis import similarity
 from cellctl.cli import arguments
-from cellctl.cli.arguments import shown_name
-
-if TYPE_CHECKING:
-    from cellctl.formats import Measurements
+from cellctl.cli.arguments import Unwritten, refuse_outputs, shown_name, write_json
+from cellctl.cli.fit_progress import shown_progress
+from cellctl.files import load_yaml
+from cellctl.files.kinds import ROBOT
+from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile
+from cellctl.formats.similarity_report import (
+    p_text,
+    result_sentences,
+    robot_errors,
+    rows_with_positions,
+    similarity_report,
+)
+from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
 NO_CHECK = "--no-check skips this check: the errors analysed are then those of the wrong set-up"
 
@@ -34,12 +44,8 @@ def analyse(
 
     Example: cellctl analyse ur10 ur10.csv --report similarity.html
     """
-    from cellctl.cli.arguments import Unwritten, refuse_outputs, write_json
 
     refuse_outputs({"--report": page, "--json": json_}, [robot, data, model])
-    from cellctl.analysis import similarity
-    from cellctl.formats import DataSet, ModelFile
-    from cellctl.formats.similarity_report import robot_errors, similarity_report
 
     measured, identified = _measured(robot, DataSet.load(data), check), ModelFile.load(model) if model else None
     errors = robot_errors(measured, identified, str(model), rows, seed)
@@ -67,12 +73,6 @@ def analyse(
 
 def _measured(robot: Path, data: Any, check: bool) -> Measurements:
     """The rows with positions. Raises InputError for set-up errors, if these are to be checked."""
-    from cellctl.cli.fit_progress import shown_progress
-    from cellctl.files import load_yaml
-    from cellctl.files.kinds import ROBOT
-    from cellctl.formats import RobotFile
-    from cellctl.formats.similarity_report import rows_with_positions
-    from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
     document = load_yaml(robot, ROBOT)
     measured = rows_with_positions(RobotFile.from_document(document), data)
@@ -84,7 +84,6 @@ def _measured(robot: Path, data: Any, check: bool) -> Measurements:
 
 def _words(report: dict[str, Any]) -> str:
     """The figures as text: correlations, semivariogram models, and the result last."""
-    from cellctl.formats.similarity_report import p_text, result_sentences
 
     error = report["error"]
     lines = [

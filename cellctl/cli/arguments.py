@@ -12,22 +12,20 @@ from typing import Annotated, Any, final
 import typer
 
 from cellctl.files import InputError, Problem, is_stream, write_atomically
+from cellctl.operations.shipped import shipped_file
 
 
 def _procedure(given: Path) -> Path:
-    from cellctl.operations.shipped import shipped_file
 
     return shipped_file("procedure", given)
 
 
 def _cell(given: Path | None) -> Path | None:
-    from cellctl.operations.shipped import shipped_file
 
     return shipped_file("cell", given) if given else None
 
 
 def _robot(given: Path | None) -> Path | None:
-    from cellctl.operations.shipped import shipped_file
 
     return shipped_file("robot", given) if given else None
 
@@ -176,3 +174,9 @@ def _may_be_written(path: Path) -> bool:
     """Whether the file may be replaced by a new one; this also needs write permission for the folder."""
     folder = Path(os.path.realpath(path)).parent
     return os.access(folder, os.W_OK | os.X_OK) and (not path.exists() or os.access(path, os.W_OK))
+
+
+def in_minutes(seconds: float) -> str:
+    """A time in words: `3 min 05 s`, `12 s`."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from cellctl.cli import arguments
+from cellctl.cli.arguments import refuse_outputs, write_json
 from cellctl.cli.ends import Exit
-
-if TYPE_CHECKING:
-    from cellctl.console.shared import Console
-    from cellctl.devices.cell import Cell
-    from cellctl.devices.registry import DriverRegistry
-    from cellctl.operations.doctor import Examined
+from cellctl.cli.run_progress import show_warnings
+from cellctl.clock import WallClock
+from cellctl.console.server import serve
+from cellctl.console.shared import Console, Settings
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
+from cellctl.files import InputError
+from cellctl.operations.cell_devices import as_loaded, require_cells, require_files, send_files, simulator_command
+from cellctl.operations.doctor import Examined, examine
 
 _WIDTH = 120
 
@@ -30,14 +35,6 @@ def doctor(cell: arguments.Cell, seed: arguments.Seed = None, json_: arguments.J
 
     Example: cellctl doctor sphere_cell
     """
-    import asyncio
-
-    from cellctl.cli.arguments import refuse_outputs, write_json
-    from cellctl.cli.run_progress import show_warnings
-    from cellctl.devices.cell import Cell
-    from cellctl.devices.registry import DriverRegistry
-    from cellctl.operations.cell_devices import require_cells
-    from cellctl.operations.doctor import examine
 
     refuse_outputs({"--json": json_}, [cell])
     require_cells()
@@ -108,12 +105,6 @@ def krl(
 
     Example: cellctl krl sphere_cell -o krc
     """
-    import asyncio
-
-    from cellctl.cli.arguments import refuse_outputs, write_json
-    from cellctl.devices.cell import Cell
-    from cellctl.devices.registry import DriverRegistry
-    from cellctl.operations.cell_devices import as_loaded, require_files, send_files
 
     refuse_outputs({"--json": json_}, [cell])
     drivers = DriverRegistry()
@@ -137,8 +128,6 @@ def krl(
 
 def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> tuple[str, dict[str, str]]:
     """The only device that has files for its controller, and these. Raises InputError if none has, or more than one."""
-    from cellctl.clock import WallClock
-    from cellctl.files import InputError
 
     if device is not None and device not in cell.addresses:
         known = ", ".join(sorted(cell.addresses))
@@ -165,11 +154,6 @@ def sim(
 
     Example: cellctl sim sphere_cell --clock realtime --ready /tmp/ready.json
     """
-    from cellctl.cli.arguments import refuse_outputs
-    from cellctl.devices.cell import Cell
-    from cellctl.devices.registry import DriverRegistry
-    from cellctl.files import InputError
-    from cellctl.operations.cell_devices import require_cells, simulator_command
 
     refuse_outputs({"--ready": ready}, [cell])
     require_cells()
@@ -196,8 +180,6 @@ def console(
 
     Example: cellctl console --cell sphere_cell
     """
-    from cellctl.console.server import serve
-    from cellctl.console.shared import Settings
 
     serve(Settings(runs, cell, host, port), _announce)
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
+from cellctl.operations.comparing_models import ModelDifference, ParameterChange
+from cellctl.operations.comparing_runs import ComparedFigure, RunComparison
 from cellctl.report.figures import fixed, with_sigma
-
-if TYPE_CHECKING:
-    from cellctl.operations.comparing_models import ModelDifference, ParameterChange
-    from cellctl.operations.comparing_runs import ComparedFigure, RunComparison
 
 _SHOWN = 12
 """Maximum number of parameters shown, those with the largest differences; `--json` has all."""

@@ -10,18 +10,38 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cellctl.cli import arguments
-from cellctl.cli.arguments import write_json
-from cellctl.cli.ends import SHOWN
-from cellctl.operations.program_compensation import ProgramOptions
+from cellctl.cli.arguments import refuse_outputs, refused_rows, to_stdout, write_json
+from cellctl.cli.ends import SHOWN, Exit
+from cellctl.clock import calendar_time
+from cellctl.devices.cell import TABLE_CORRECTION_DEG
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.formats import DataSet, ModelFile
+from cellctl.formats.table import JOINT_DECIMALS
+from cellctl.formats.table_making import mean_rms_max, row_figures, sigma_among_rows
+from cellctl.formats.targets import Targets, read_targets
+from cellctl.operations.compensated_program import CompensatedProgram
+from cellctl.operations.compensating import (
+    Accuracy,
+    CellRobot,
+    CompensatedTargets,
+    MethodFigures,
+    compare_methods,
+    compensate_targets,
+    learnt_on,
+    refuse_other_cell,
+)
+from cellctl.operations.program_compensation import (
+    ProgramFiles,
+    ProgramOptions,
+    compensate_files,
+    is_new_folder,
+    refuse_method,
+)
+from cellctl.operations.program_paths import Path as ProgramPath
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cellctl.formats import ModelFile
-    from cellctl.formats.targets import Targets
-    from cellctl.operations.compensated_program import CompensatedProgram
-    from cellctl.operations.compensating import Accuracy, CompensatedTargets, MethodFigures
-    from cellctl.operations.program_paths import Path as ProgramPath
 
 _TAUGHT = (
     "Only for points made off-line (CAD, calculated). Points taught by hand with this robot contain its error already: "
@@ -106,12 +126,6 @@ def compensate_program(
     """Compensate the points of `program` and write it to `out`. Raises InputError, also if no point can be changed;
     ends with code 1 if some cannot.
     """
-    from cellctl.cli.arguments import refuse_outputs, refused_rows, write_json
-    from cellctl.cli.ends import Exit
-    from cellctl.files import write_atomically
-    from cellctl.formats import ModelFile
-    from cellctl.operations.compensating import CellRobot
-    from cellctl.operations.program_compensation import ProgramFiles, compensate_files, is_new_folder, refuse_method
 
     refuse_method(method)
     files = ProgramFiles.of(program, options.config)
@@ -145,7 +159,6 @@ _SHOWN_PASSES = 5
 
 def compare(model: ModelFile, wanted: Targets, file: str, correction_deg: float, json_: str | None) -> None:
     """Print every method's figures on the targets `wanted`, of `file`, or write them as JSON."""
-    from cellctl.operations.compensating import compare_methods
 
     found = compare_methods(model, wanted, file, correction_deg)
     if json_ != "-":
@@ -275,12 +288,6 @@ def compensate(
 
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
-    from cellctl.cli.arguments import refuse_outputs, refused_rows, to_stdout, write_json
-    from cellctl.clock import calendar_time
-    from cellctl.files import write_atomically
-    from cellctl.formats import DataSet, ModelFile
-    from cellctl.formats.targets import read_targets
-    from cellctl.operations.compensating import CellRobot, compensate_targets, learnt_on, refuse_other_cell
 
     options = ProgramOptions(config, tool, base, path_tolerance, insert, arm_only)
     if targets.suffix.lower() in (".src", ".sub", ".dat"):
@@ -317,7 +324,6 @@ def compensate(
 
 
 def _refuse_for_program(passes: int | None, serial: str | None) -> None:
-    from cellctl.files import InputError, Problem
 
     given = [name for name, value in (("--passes", passes), ("--serial", serial)) if value is not None]
     if given:
@@ -329,7 +335,6 @@ def _is_csv(out: Path | None) -> bool:
 
 
 def _refuse(method: str, passes: int | None, out: Path | None, json_: str | None) -> None:
-    from cellctl.files import InputError, Problem
 
     problems = []
     if method not in (*_METHODS, _ALL):
@@ -351,8 +356,6 @@ def _figures(found: CompensatedTargets) -> dict[str, Any]:
     """The targets in figures, in full precision; the orientation predicted by the model, deg. written: what the joints
     as written leave, with their decimals.
     """
-    from cellctl.formats.table import JOINT_DECIMALS
-    from cellctl.formats.table_making import mean_rms_max, row_figures, sigma_among_rows
 
     return {
         **row_figures(found.exact_rows),
@@ -372,7 +375,6 @@ def _figures(found: CompensatedTargets) -> dict[str, Any]:
 
 def _warn_large(found: CompensatedTargets, file: str) -> None:
     """Name corrections that a cell would refuse by default: such a posture is near a singularity."""
-    from cellctl.devices.cell import TABLE_CORRECTION_DEG
 
     for line, row in zip(found.wanted.lines, found.rows, strict=True):
         if row.correction_deg > TABLE_CORRECTION_DEG:

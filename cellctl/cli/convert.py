@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, final
+from typing import Annotated, final
 
 import typer
 
 from cellctl.cli import arguments
+from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
 from cellctl.cli.ends import SHOWN
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import TableConvention
-    from cellctl.operations.robot_library import LibraryRobot
-    from cellctl.pendant_import import Imported
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.formats import RobotFile
+from cellctl.formats.dataset import text_of
+from cellctl.kinematics import TableConvention
+from cellctl.operations import robot_library
+from cellctl.operations.exporting import ExportOptions, exported, read_source
+from cellctl.operations.robot_library import COLUMNS, LibraryRobot
+from cellctl.pendant_import import Imported, choices, imported, imported_targets
 
 
 def import_data(
@@ -64,11 +68,6 @@ def import_data(
 
     Example: cellctl import part.mod --targets -o targets.csv
     """
-    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
-    from cellctl.files import write_atomically
-    from cellctl.formats import RobotFile
-    from cellctl.formats.dataset import text_of
-    from cellctl.pendant_import import choices, imported, imported_targets
 
     refuse_json_on_stdout(json_, out, "the target file" if targets else "the data set")
     refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])
@@ -92,7 +91,6 @@ def import_data(
 
 def _refuse_without_meaning(targets: bool, for_joints: dict[str, object], frame: str | None) -> None:
     """Raise InputError for options of joints beside --targets, and for --frame without it."""
-    from cellctl.files import InputError, Problem
 
     if not targets and frame is not None:
         raise InputError(Problem("--frame", 0, 0, "has a meaning for targets only", "give --targets too"))
@@ -172,9 +170,6 @@ def convert(
 
     Example: cellctl convert kr5_r1400 --to urdf -o kr5.urdf
     """
-    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
-    from cellctl.files import write_atomically
-    from cellctl.operations.exporting import ExportOptions, exported, read_source
 
     _refuse_options(robot, to, into, tip, table)
     if to is not Form.KUKA and (tool_number, base_number) != (None, None):
@@ -218,11 +213,6 @@ def robots(
 
     Example: cellctl robots kr300_r2500 -o my_robot.yaml
     """
-    from pathlib import Path
-
-    from cellctl.cli.arguments import refuse_outputs, to_stdout, write_json
-    from cellctl.files import write_atomically
-    from cellctl.operations import robot_library
 
     if name is None and out is not None:
         raise typer.BadParameter("--out writes one robot: name it")
@@ -241,7 +231,6 @@ def robots(
 
 
 def _shown(found: LibraryRobot) -> Iterator[str]:
-    from cellctl.operations.robot_library import COLUMNS
 
     yield f"{found.name}: {found.robot.name}"
     yield from (f"  {key:13} {cell}" for key, cell in list(zip(COLUMNS, found.cells, strict=True))[2:5] if cell)

@@ -8,12 +8,13 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import typer
 
-if TYPE_CHECKING:
-    from cellctl.files.problems import InputError
+from cellctl.devices.errors import DeviceBusy, DeviceError, DeviceUncertain, DeviceUnreachable
+from cellctl.files.problems import InputError
+from cellctl.journal.journal_file import JournalError
 
 NOTHING_MOVED = "nothing was moved"
 SHOWN = 20
@@ -43,8 +44,6 @@ def adding(words: str) -> Iterator[None]:
 
     Verbs without motion add no words.
     """
-    from cellctl.devices.errors import DeviceBusy, DeviceUnreachable
-    from cellctl.files.problems import InputError
 
     try:
         yield
@@ -71,9 +70,6 @@ def exit_code_of(call: Callable[[], object]) -> int:
 
 def _ended_by(error: Exception) -> int:
     """Print `error` by its kind. The kinds are imported here, so that `--help` does not wait for them."""
-    from cellctl.devices.errors import DeviceBusy, DeviceError, DeviceUncertain, DeviceUnreachable
-    from cellctl.files.problems import InputError
-    from cellctl.journal.journal_file import JournalError
 
     match error:
         case InputError():

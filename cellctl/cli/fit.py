@@ -10,9 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cellctl.cli import arguments
-from cellctl.cli.arguments import Unwritten, refuse_outputs, shown_name
+from cellctl.cli.arguments import Unwritten, refuse_json_on_stdout, refuse_outputs, shown_name, to_stdout, write_json
 from cellctl.cli.ends import SHOWN, Exit
+from cellctl.cli.fit_progress import shown_progress
+from cellctl.files import write_atomically
+from cellctl.formats import DataSet, ModelFile
 from cellctl.operations.fit_options import Asked, Judging
+from cellctl.operations.fitting import FitInput, fit_rows
+from cellctl.operations.predicting import predict_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -180,10 +185,6 @@ def fit(
     asked = Asked(measure, model, artefact, distances, spacing or (), own, prior, free)
     asked.refuse(judging)
     refuse_outputs({"--out": out, "--report": page, "--json": json_}, [robot, data, artefact, prior])
-    from cellctl.cli.arguments import write_json
-    from cellctl.cli.fit_progress import shown_progress
-    from cellctl.files import write_atomically
-    from cellctl.operations.fitting import FitInput, fit_rows
 
     found = fit_rows(FitInput.load(robot, data, asked), asked, judging, shown_progress, check=check)
     report, unwritten = found.report, Unwritten()
@@ -221,10 +222,6 @@ def predict(
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """
-    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
-    from cellctl.files import write_atomically
-    from cellctl.formats import DataSet, ModelFile
-    from cellctl.operations.predicting import predict_rows
 
     refuse_json_on_stdout(json_, out, "the CSV")
     refuse_outputs({"--out": out, "--json": json_}, [model, joints])

@@ -6,17 +6,27 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, final
+from typing import Annotated, Any, TypeVar, final
 
+import numpy as np
 import typer
 
 from cellctl.cli import arguments
-from cellctl.files import InputError, Problem
+from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.formats import RobotFile
+from cellctl.formats.targets import read_path, targets_text
 from cellctl.operations.fit_options import option
-
-if TYPE_CHECKING:
-    from cellctl.formats import RobotFile
-    from cellctl.planning import JointRanges, Sight, TargetOptions, TargetSet, TaskWorkspace
+from cellctl.planning import (
+    JointRanges,
+    OutOfReach,
+    Reach,
+    Sight,
+    TargetOptions,
+    TargetSet,
+    TaskWorkspace,
+    plan_targets,
+)
 
 _Read = TypeVar("_Read")
 METHODS = ("quasi-random", "halton", "joint-uniform", "near-path", "pseudo-random", "clustered")
@@ -78,9 +88,6 @@ class Asked:
 
     def region(self, robot: RobotFile) -> TaskWorkspace | JointRanges | None:
         """The region; None where its text has an error, which is then noted."""
-        import numpy as np
-
-        from cellctl.planning import JointRanges, TaskWorkspace
 
         if self.joints is not None:
             ends = self._ranges("joints", self.joints, robot.n)
@@ -93,10 +100,6 @@ class Asked:
 
     def options(self, robot: RobotFile) -> TargetOptions | None:
         """What rejects a target, and the method's own settings; None where a text has an error."""
-        import numpy as np
-
-        from cellctl.formats.targets import read_path
-        from cellctl.planning import TargetOptions
 
         near = None if self.near is None else self._numbers("near", self.near, robot.n)
         sight = self._sight(robot) if self.station else None
@@ -114,9 +117,6 @@ class Asked:
             raise InputError(self.problems)
 
     def _sight(self, robot: RobotFile) -> Sight | None:
-        import numpy as np
-
-        from cellctl.planning import Sight
 
         station = self._numbers("station", self.station or "", 3)
         reflector = self._numbers("reflector", self.reflector, 3) if self.reflector else robot.tool.xyz
@@ -221,9 +221,6 @@ def plan(
         floor,
     )  # fmt: skip
     asked.refuse()
-    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
-    from cellctl.files import write_atomically
-    from cellctl.formats.targets import targets_text
 
     refuse_json_on_stdout(json_, out, "the CSV")
     refuse_outputs({"--out": out, "--json": json_}, [robot, path])
@@ -239,10 +236,6 @@ def plan(
 
 def _targets(robot: Path, asked: Asked, seed: int) -> TargetSet:
     """The targets. Raises InputError where the options or the region do not allow them."""
-    from cellctl.files import InputError
-    from cellctl.formats import RobotFile
-    from cellctl.operations.fit_options import option
-    from cellctl.planning import OutOfReach, Reach, plan_targets
 
     file = RobotFile.load(robot)
     region, options = asked.region(file), asked.options(file)
@@ -260,7 +253,6 @@ def _targets(robot: Path, asked: Asked, seed: int) -> TargetSet:
 
 
 def _figures(targets: TargetSet) -> dict[str, Any]:
-    import numpy as np
 
     axes = [f"A{number}" for number in range(1, targets.readings.shape[1] + 1)]
     fit = targets.readings[~targets.held_out]

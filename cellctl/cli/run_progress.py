@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from cellctl.cli.arguments import write_json
+from cellctl.cli.arguments import in_minutes, write_json
 from cellctl.cli.ends import SHOWN, Exit, errors_text
 from cellctl.devices.cell import Cell
 from cellctl.engine import AbortedByInterlock, Mailbox, NobodyWatching, Operator, Outcome, Passes, State, Watcher
@@ -32,6 +32,7 @@ from cellctl.operations.campaign import Campaign
 from cellctl.operations.run_folder import table_line
 from cellctl.operations.run_list import RunEnd
 from cellctl.procedure import phase_titles
+from cellctl.report import write_report
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -75,12 +76,6 @@ def progress(campaign: Campaign, folder: Path, *, quiet: bool) -> Iterator[Watch
 _GO_ON = "remove the cause, if any, and acknowledge messages of the robot; then `cellctl continue`, or `cellctl abort`"
 
 
-def time_left(seconds: float) -> str:
-    """A time in words: `3 min 05 s`, `12 s`."""
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
-
-
 @final
 class _Shown:
     """Shows events as lines above one bar for the whole run."""
@@ -118,7 +113,7 @@ class _Shown:
 
     def _show(self) -> None:
         done, total, left_s = self._passes.done, self._passes.total, self._passes.left_s
-        left = "" if left_s is None else f"{time_left(left_s)} left"
+        left = "" if left_s is None else f"{in_minutes(left_s)} left"
         self._bar.update(self._task, description=self._title, completed=done, total=total or None, left=left)
         if self._bar.disable and total and 10 * done // total > self._tenth:
             self._tenth = 10 * done // total
@@ -188,7 +183,6 @@ def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
 
 def report_of(folder: Path) -> None:
     """Write the run's report. A failure is only printed on stderr: the report can be rebuilt."""
-    from cellctl.report import write_report
 
     try:
         write_report(folder)

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, final
+from typing import Annotated, Any, final
 
 import typer
 
 from cellctl.cli import arguments
-
-if TYPE_CHECKING:
-    from cellctl.journal import RunState
-    from cellctl.operations.replay import ArtefactReplay, Replay, StepReplay
+from cellctl.cli.arguments import refuse_outputs, write_json
+from cellctl.cli.compared_words import compared_words
+from cellctl.files import InputError, Problem, write_atomically
+from cellctl.journal import RunState, fold, journal_in, read_journal, run_place
+from cellctl.operations import export as exports
+from cellctl.operations.comparing_runs import compare_runs
+from cellctl.operations.replay import TOLERANCE, Agreement, ArtefactReplay, FolderFile, Replay, StepReplay, replay_run
+from cellctl.operations.run_list import RunFilter, run_rows, run_summary
+from cellctl.report import FILE_NAME, write_report
 
 _COLUMNS = ["run", "began", "state", "points", "verdict", "table"]
 _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
@@ -36,8 +41,6 @@ def runs(
 
     Example: cellctl runs --search "sphere 925185" --verdict better
     """
-    from cellctl.cli.arguments import refuse_outputs, write_json
-    from cellctl.operations.run_list import RunFilter, run_rows
 
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
     asked = RunFilter(search, state, verdict, serial, procedure, since, until)
@@ -66,9 +69,6 @@ def show(
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
-    from cellctl.cli.arguments import refuse_outputs, write_json
-    from cellctl.journal import fold, read_journal, run_place
-    from cellctl.operations.run_list import run_summary
 
     place = run_place(run, folder)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
@@ -89,9 +89,6 @@ def show(
 
 
 def _compare(a: Path, b: Path, json_: str | None) -> None:
-    from cellctl.cli.arguments import write_json
-    from cellctl.cli.compared_words import compared_words
-    from cellctl.operations.comparing_runs import compare_runs
 
     found = compare_runs(a, b)
     write_json(found.to_json(), json_)
@@ -152,9 +149,6 @@ def report(
 
     Example: cellctl report sphere_selfcal-20261121T192433Z --customer ACME --limit 0.2 -o report.html
     """
-    from cellctl.cli.arguments import refuse_outputs, write_json
-    from cellctl.journal import run_place
-    from cellctl.report import FILE_NAME, write_report
 
     place = run_place(run, runs)
     refuse_outputs(
@@ -202,10 +196,6 @@ def export(
 
     Example: cellctl export sphere_selfcal-20261121T192433Z --as csv -o samples.csv
     """
-    from cellctl.cli.arguments import refuse_outputs, write_json
-    from cellctl.files import write_atomically
-    from cellctl.journal import journal_in, run_place
-    from cellctl.operations import export as exports
 
     place, form = run_place(run, runs), exports.Form(as_.value)
     folder = journal_in(place).parent
@@ -242,9 +232,6 @@ def replay(
 
     Example: cellctl replay sphere_selfcal-20261121T192433Z -o again
     """
-    from cellctl.cli.arguments import refuse_outputs, write_json
-    from cellctl.journal import run_place
-    from cellctl.operations.replay import Agreement, replay_run
 
     place = run_place(run, runs)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
@@ -261,7 +248,6 @@ def replay(
 
 def _refuse_folder(out: Path | None, run: Path) -> None:
     """Raise InputError if the replayed files would replace those of the run, or the folder cannot exist."""
-    from cellctl.files import InputError, Problem
 
     if out is None:
         return
@@ -274,7 +260,6 @@ def _refuse_folder(out: Path | None, run: Path) -> None:
 
 
 def _write(found: Replay, out: Path) -> None:
-    from cellctl.files import write_atomically
 
     out.mkdir(parents=True, exist_ok=True)
     for name, content in found.contents.items():
@@ -282,7 +267,6 @@ def _write(found: Replay, out: Path) -> None:
 
 
 def _replay_lines(found: Replay) -> list[str]:
-    from cellctl.operations.replay import TOLERANCE, Agreement
 
     lines = [f"{found.run}: {len(found.steps)} computing steps, computed again from the journal"]
     lines += [f"  changed since the run: {text}" for text in found.changed]
@@ -298,7 +282,6 @@ def _replay_lines(found: Replay) -> list[str]:
 
 
 def _artefact_lines(each: ArtefactReplay, width: int) -> list[str]:
-    from cellctl.operations.replay import Agreement, FolderFile
 
     if each.agreement is Agreement.WITHIN_TOLERANCE:
         return [f"{each.name:{width}}  equal within the tolerance"]
@@ -316,7 +299,6 @@ def _artefact_lines(each: ArtefactReplay, width: int) -> list[str]:
 
 
 def _step_lines(each: StepReplay, width: int) -> list[str]:
-    from cellctl.operations.replay import Agreement
 
     rows = f" and {each.rows} row{'s' * (each.rows > 1)}" if each.rows else ""
     attempt = f", attempt {each.attempt}" if each.attempt > 1 else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -11,10 +11,20 @@ from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs
 from cellctl.cli.ends import Exit, adding
 from cellctl.cli.table_history import Runs, State, diff, history, recorded, show_result
-
-if TYPE_CHECKING:
-    from cellctl.devices import TableStore
-    from cellctl.operations.table import TableCell
+from cellctl.cli.table_output import export_csv, export_krl, in_force_words, refuse_export, state_words, table_words
+from cellctl.devices import TableStore
+from cellctl.files import InputError, Problem
+from cellctl.formats import TableFile
+from cellctl.operations.table import (
+    TableCell,
+    controller_table,
+    differences,
+    push_checked,
+    push_recorded,
+    roll_back,
+    state_of,
+)
+from cellctl.operations.table_history import table_named
 
 app = typer.Typer(no_args_is_help=True, help="Push, show, verify, compare or roll back a compensation table.")
 
@@ -37,9 +47,6 @@ def push(
 
     Example: cellctl table push table.json --cell sphere_cell
     """
-    from cellctl.cli.table_output import in_force_words
-    from cellctl.formats import TableFile
-    from cellctl.operations.table import TableCell, push_checked
 
     refuse_outputs({"--json": json_}, [table, cell, state])
     file = TableFile.load(table)
@@ -72,9 +79,6 @@ def show(
 
     Example: cellctl table show table.json
     """
-    from cellctl.cli.table_output import state_words, table_words
-    from cellctl.operations.table import TableCell, state_of
-    from cellctl.operations.table_history import table_named
 
     _one_of(table, cell)
     refuse_outputs({"--json": json_}, [table, cell, state])
@@ -106,8 +110,6 @@ def verify(
 
     Example: cellctl table verify table.json --cell sphere_cell
     """
-    from cellctl.operations.table import TableCell, controller_table, differences
-    from cellctl.operations.table_history import table_named
 
     refuse_outputs({"--json": json_}, [table, cell, state])
     wanted = controller_table(table_named(table, runs))
@@ -147,8 +149,6 @@ def rollback(
 
     Example: cellctl table rollback --cell sphere_cell --to 9856401189b3
     """
-    from cellctl.cli.table_output import in_force_words, state_words
-    from cellctl.operations.table import TableCell, push_recorded, roll_back, state_of
 
     refuse_outputs({"--json": json_}, [cell, state])
     place = TableCell.load(cell, seed, state)
@@ -182,8 +182,6 @@ def export(
 
     Example: cellctl table export table.json --krl -o krc
     """
-    from cellctl.cli.table_output import export_csv, export_krl, refuse_export
-    from cellctl.formats import TableFile
 
     refuse_export(table, krl, csv, out, json_)
     file = TableFile.load(table)
@@ -201,7 +199,6 @@ def _warn_without_memory(place: TableCell) -> None:
 
 
 def _one_of(table: Path | None, cell: Path | None) -> None:
-    from cellctl.files import InputError, Problem
 
     if (table is None) == (cell is None):
         raise InputError(Problem("cellctl table show", 0, 0, "shows one thing", "a table file, or --cell CELL"))

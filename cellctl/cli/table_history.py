@@ -5,16 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from cellctl.cli import arguments
-
-if TYPE_CHECKING:
-    from cellctl.operations.table import TableCell, TableRecorder
-    from cellctl.operations.table_diff import ComparedTable, TableDifference
-    from cellctl.operations.table_history import Entry, TableHistory
+from cellctl.cli.arguments import refuse_outputs, write_json
+from cellctl.cli.ends import Exit
+from cellctl.files import InputError, Problem
+from cellctl.formats import RobotFile
+from cellctl.operations.table import TableCell, TableRecorder, controller_table, differences, state_of
+from cellctl.operations.table_diff import ComparedTable, TableDifference, table_difference
+from cellctl.operations.table_history import (
+    Entry,
+    TableHistory,
+    difference_from_controller,
+    histories,
+    short,
+    table_named,
+)
 
 State = Annotated[Path | None, typer.Option(help="File that keeps a simulated cell's state between calls.")]
 Runs = Annotated[Path, typer.Option("--runs", help="Folder of the runs; the history of tables is in it.")]
@@ -23,8 +32,6 @@ Runs = Annotated[Path, typer.Option("--runs", help="Folder of the runs; the hist
 @contextmanager
 def recorded(runs: Path, serial: str) -> Iterator[TableRecorder]:
     """Records changes of controller `serial`; a history that cannot be written is reported on stderr."""
-    from cellctl.operations.table import TableRecorder
-    from cellctl.operations.table_history import TableHistory
 
     recorder = TableRecorder(TableHistory(runs, serial))
     try:
@@ -36,7 +43,6 @@ def recorded(runs: Path, serial: str) -> Iterator[TableRecorder]:
 
 def show_result(json_: str | None, result: dict[str, Any], words: str) -> None:
     """The words on stdout, the JSON where it is asked for."""
-    from cellctl.cli.arguments import write_json
 
     if json_ != "-" and words:  # first: the table is active even if writing the file fails
         typer.echo(words)
@@ -61,9 +67,6 @@ def history(
 
     Example: cellctl table history --serial 925185
     """
-    from cellctl.cli.arguments import refuse_outputs, write_json
-    from cellctl.cli.ends import Exit
-    from cellctl.operations.table_history import TableHistory, histories
 
     refuse_outputs({"--json": json_}, [cell, state])
     reported = _reported(cell, serial, seed, state) if cell else None
@@ -81,8 +84,6 @@ def history(
 
 def _reported(cell: Path, serial: str | None, seed: int | None, state: Path | None) -> dict[str, Any]:
     """The serial and the tables that the cell's controller reports. Raises InputError if it is not `serial`."""
-    from cellctl.files import InputError, Problem
-    from cellctl.operations.table import TableCell
 
     async def work(store: Any, identity: Any) -> dict[str, Any]:
         return {"serial": identity.serial, "state": await store.table_state()}
@@ -99,8 +100,6 @@ def _reported(cell: Path, serial: str | None, seed: int | None, state: Path | No
 
 def _one(history: TableHistory, reported: dict[str, Any] | None, *, quiet: bool) -> dict[str, Any]:
     """Show the history of one controller; its JSON."""
-    from cellctl.operations.table import state_of
-    from cellctl.operations.table_history import difference_from_controller
 
     entries, problems = history.read()
     difference = difference_from_controller(entries, reported["state"]) if reported else ""
@@ -150,7 +149,6 @@ def _show(history: TableHistory, entries: list[Entry]) -> None:
 
 
 def _cells(entry: Entry) -> list[str]:
-    from cellctl.operations.table_history import short
 
     begin, facts = entry.begin, entry.begin.facts
     by = f"run {begin.run}, {begin.who}" if begin.run else begin.who
@@ -186,11 +184,6 @@ def diff(
 
     Example: cellctl table diff 9856401189b3 table.json --robot kr5_r1400
     """
-    from cellctl.cli.arguments import refuse_outputs
-    from cellctl.cli.ends import Exit
-    from cellctl.formats import RobotFile
-    from cellctl.operations.table import TableCell
-    from cellctl.operations.table_diff import table_difference
 
     refuse_outputs({"--json": json_}, [a, b, cell, robot, state])
     _refuse_active(a, b, cell)
@@ -203,15 +196,12 @@ def diff(
 
 
 def _refuse_active(a: Path, b: Path, cell: Path | None) -> None:
-    from cellctl.files import InputError, Problem
 
     if cell is None and _ACTIVE in (str(a), str(b)):
         raise InputError(Problem(_ACTIVE, 0, 0, "is the table in force on a controller", "give --cell CELL"))
 
 
 def _compared_table(name: Path, place: TableCell | None, runs: Path) -> ComparedTable:
-    from cellctl.operations.table_diff import ComparedTable
-    from cellctl.operations.table_history import table_named
 
     if place and str(name) == _ACTIVE:
         return _active(place, runs)
@@ -220,10 +210,6 @@ def _compared_table(name: Path, place: TableCell | None, runs: Path) -> Compared
 
 def _active(place: TableCell, runs: Path) -> ComparedTable:
     """The table in force: with its file's facts if the history has it and the controller has the same rows."""
-    from cellctl.files import InputError, Problem
-    from cellctl.operations.table import controller_table, differences
-    from cellctl.operations.table_diff import ComparedTable
-    from cellctl.operations.table_history import TableHistory
 
     async def work(store: Any, identity: Any) -> Any:
         return identity.serial, await store.read_table()

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout
+from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import TableFile
 from cellctl.formats.table import JOINT_DECIMALS
+from cellctl.formats.table_export import krl_module, module_name, nominal_name, targets_csv
 from cellctl.formats.table_making import table_figures
 
 
@@ -56,8 +59,6 @@ _SIMULATED = "  SIMULATED   The table is of a simulated robot: both routines sto
 
 def refuse_export(table: Path, krl: bool, csv: bool, out: Path | None, json_: str | None) -> None:
     """Raise InputError for options that contradict each other, or an output that cannot be written."""
-    from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs
-    from cellctl.files import InputError, Problem
 
     if krl == csv:
         raise InputError(Problem("cellctl table export", 0, 0, "writes one form", "give --krl or --csv"))
@@ -68,8 +69,6 @@ def refuse_export(table: Path, krl: bool, csv: bool, out: Path | None, json_: st
 
 def export_krl(table: TableFile, folder: Path) -> tuple[dict[str, Any], str]:
     """Write the KRL module to `folder` (CR LF); the result as data and in words. Raises InputError, OSError."""
-    from cellctl.files import InputError, Problem, write_atomically
-    from cellctl.formats.table_export import krl_module, module_name, nominal_name
 
     if str(folder) == "-" or (folder.exists() and not folder.is_dir()):
         raise InputError(Problem(str(folder), 0, 0, "is no folder", "give -o a folder: the KRL module has two files"))
@@ -94,9 +93,6 @@ def export_krl(table: TableFile, folder: Path) -> tuple[dict[str, Any], str]:
 
 def export_csv(table: TableFile, out: Path | None) -> tuple[dict[str, Any], str]:
     """Write the targets as CSV to `out` or stdout; the result, and words for a file."""
-    from cellctl.cli.arguments import to_stdout
-    from cellctl.files import write_atomically
-    from cellctl.formats.table_export import targets_csv
 
     text = targets_csv(table)
     result = {"id": table.id, "file": str(out) if out else None, "rows": len(table.rows)}

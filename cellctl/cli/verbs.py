@@ -3,37 +3,111 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, final
+from importlib import import_module
+from typing import Any, NamedTuple, final
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command, get_group_from_info
+from typer.models import TyperInfo
 
 from cellctl import __version__
-from cellctl.cli.analyse import analyse
-from cellctl.cli.cell import console, doctor, krl, sim
-from cellctl.cli.compensate import compensate
-from cellctl.cli.convert import convert, import_data, robots
 from cellctl.cli.ends import Interrupted
-from cellctl.cli.fit import fit, predict
-from cellctl.cli.plan import plan
-from cellctl.cli.run import abort, acknowledge, check, confirm, continue_, pause, run, status
-from cellctl.cli.runs import export, replay, report, runs, show
-from cellctl.cli.table import app as table
 
 for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: more linear algebra threads only add waiting
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 
 @final
+class Verb(NamedTuple):
+    """A verb: its module in `cellctl.cli`, imported when it runs; its function or group there; its line of help."""
+
+    module: str
+    name: str
+    help: str
+
+
+VERBS = {
+    "check": Verb("run", "check", "Check a procedure and its cell; nothing moves."),
+    "doctor": Verb("cell", "doctor", "Connect to every device of a cell and report its health; nothing moves."),
+    "run": Verb("run", "run", "Run a procedure on its cell, after the checks of `check`."),
+    "status": Verb("operate", "status", "Show state, step, progress and time left of a run."),
+    "pause": Verb("operate", "pause", "Pause a run before its next step."),
+    "continue": Verb("operate", "continue_", "Continue a paused run, unless an interlock forbids it."),
+    "confirm": Verb("operate", "confirm", "Confirm the step that a run waits at."),
+    "acknowledge": Verb("operate", "acknowledge", "Press the reset of a run's simulated cell."),
+    "abort": Verb("operate", "abort", "Abort a run: cancel its step, then clean up."),
+    "show": Verb("runs", "show", "Show one run: devices, steps, verdict; or compare it with another."),
+    "runs": Verb("runs", "runs", "List the runs, newest first."),
+    "report": Verb("runs", "report", "Write the calibration report of a run again, as HTML that prints on A4."),
+    "replay": Verb(
+        "runs",
+        "replay",
+        "Compute a run's data set, model and table again from its journal alone; say what differs, and why.",
+    ),
+    "export": Verb(
+        "runs",
+        "export",
+        "Export a run: its samples as CSV or Parquet, its events as JSON lines or bluesky documents, or all in one "
+        "zip.",
+    ),
+    "plan": Verb("plan", "plan", "Choose targets for a calibration with any instrument."),
+    "import": Verb(
+        "convert",
+        "import_data",
+        "Make a data set from joint list and measured positions, or targets from a program.",
+    ),
+    "fit": Verb("fit", "fit", "Identify a robot; compare it with nominal on held-out rows."),
+    "analyse": Verb("analyse", "analyse", "Analyse the similarity of a robot's errors."),
+    "predict": Verb("fit", "predict", "Predict the TCP at given joints: pose and 1 σ (3-D, mm)."),
+    "compensate": Verb(
+        "compensate",
+        "compensate",
+        "Compute compensated joints for targets, as a table, or as CSV for -o FILE.csv.",
+    ),
+    "table": Verb("table", "app", "Push, show, verify, compare or roll back a compensation table."),
+    "convert": Verb("convert", "convert", "Convert a robot file or model to another form."),
+    "robots": Verb("convert", "robots", "List the robots that a fit, a plan or a cell may name, or show one."),
+    "krl": Verb("cell", "krl", "Write the files to load on the controller."),
+    "sim": Verb("cell", "sim", "Run a cell's simulators until Ctrl-C."),
+    "console": Verb("cell", "console", "Serve the operator's console and its JSON API until Ctrl-C."),
+}
+"""In the order of work, as the help lists them."""
+
+
+@final
 class _Verbs(TyperGroup):
     """The verbs. Ctrl-C ends them by `Interrupted`; Typer ends a KeyboardInterrupt without a message."""
 
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands: Any = dict.fromkeys(VERBS)  # names alone: for a mistyped one the nearest is suggested
+
     def list_commands(self, ctx: Any) -> list[str]:
-        names = [name for name in super().list_commands(ctx) if name != "table"]
-        names.insert(names.index("compensate") + 1, "table")
-        return names
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in VERBS:
+            return None
+        verb = VERBS[cmd_name]
+        found = getattr(import_module(f"cellctl.cli.{verb.module}"), verb.name)
+        if isinstance(found, typer.Typer):
+            group = TyperInfo(found, name=cmd_name)
+            return get_group_from_info(
+                group, pretty_exceptions_short=True, suggest_commands=True, rich_markup_mode=None
+            )
+        single = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        single.command(cmd_name)(found)
+        return get_command(single)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The verbs with their lines of help, without importing any."""
+        room = formatter.width - 6 - max(map(len, VERBS))
+        rows = [(name, TyperCommand(name, help=verb.help).get_short_help_str(room)) for name, verb in VERBS.items()]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
 
     def make_context(self, *args: Any, **more: Any) -> Any:
         with _interruptible():
@@ -77,36 +151,3 @@ def _options(
 ) -> None:
     if debug:
         os.environ["CELLCTL_DEBUG"] = "1"
-
-
-_VERBS: dict[str, Callable[..., None]] = {
-    "check": check,
-    "doctor": doctor,
-    "run": run,
-    "status": status,
-    "pause": pause,
-    "continue": continue_,
-    "confirm": confirm,
-    "acknowledge": acknowledge,
-    "abort": abort,
-    "show": show,
-    "runs": runs,
-    "report": report,
-    "replay": replay,
-    "export": export,
-    "plan": plan,
-    "import": import_data,
-    "fit": fit,
-    "analyse": analyse,
-    "predict": predict,
-    "compensate": compensate,
-    "convert": convert,
-    "robots": robots,
-    "krl": krl,
-    "sim": sim,
-    "console": console,
-}
-"""In the order of work, as the help lists them; `table` comes after `compensate`."""
-for _name, _verb in _VERBS.items():
-    app.command(_name)(_verb)
-app.add_typer(table, name="table")

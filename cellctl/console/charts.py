@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import ui
 
 from cellctl.console.look import COLOURS
-
-if TYPE_CHECKING:
-    from cellctl.metrology import ControlChart
-    from cellctl.operations.comparing_runs import ParameterSeries
+from cellctl.metrology import ControlChart
+from cellctl.operations.comparing_runs import ParameterSeries
 
 _BLUE, _RED, _GREY = COLOURS["working"], COLOURS["bad"], COLOURS["off"]
 _GRID = {"left": 58, "right": 14, "top": 10, "bottom": 24}

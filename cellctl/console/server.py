@@ -19,6 +19,8 @@ from cellctl import __version__
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
 from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
 from cellctl.console.live import LiveRuns
+from cellctl.console.look import CSS
+from cellctl.console.scene.points import installed_sources
 from cellctl.console.shared import Audit, Console, Settings, use
 from cellctl.files import InputError, Problem
 
@@ -90,9 +92,6 @@ def console_app(console: Console) -> Guard:
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir()) / "cellctl-console"))
     from nicegui import app as pages
     from nicegui import ui
-
-    from cellctl.console.look import CSS
-    from cellctl.console.scene.points import installed_sources
 
     app = api_app(console)
     pages.state.openapi = app.openapi

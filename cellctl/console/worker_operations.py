@@ -6,31 +6,33 @@ Each takes a JSON object and what reports a line, and returns JSON.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from cellctl.calibration.estimation.progress import Progress
 from cellctl.console.worker import Tell
-
-if TYPE_CHECKING:
-    from cellctl.calibration.estimation.progress import Progress
+from cellctl.files import write_atomically
+from cellctl.operations.analyses import FitSettings, fit_analysis, understand_analysis
+from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis
+from cellctl.operations.export import Form, export_run
+from cellctl.operations.replay import replay_run
+from cellctl.operations.table_actions import TableRequest, act, look
+from cellctl.report import write_report
 
 
 def understand(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder` → what its data are understood as."""
-    from cellctl.operations.analyses import understand_analysis
 
     return understand_analysis(Path(request["folder"]), _progress(tell))
 
 
 def fit(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder`, `settings` → how the fit ended."""
-    from cellctl.operations.analyses import FitSettings, fit_analysis
 
     return fit_analysis(Path(request["folder"]), FitSettings(**request["settings"]), _progress(tell)).to_json()
 
 
 def compensate(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder`, `number`, `program` → the compensated program."""
-    from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis
 
     given = request["program"]
     program = ProgramRequest(**{**given, "files": tuple(given["files"])})
@@ -43,14 +45,12 @@ def _progress(tell: Tell) -> Progress:
 
 def replay(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Replay the run in the folder `place`."""
-    from cellctl.operations.replay import replay_run
 
     return replay_run(Path(request["place"]), lambda step: tell({"doing": f"computing {step}", "share": 0.0})).to_json()
 
 
 def report(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Write the report of the run in the folder `place` again."""
-    from cellctl.report import write_report
 
     tell({"doing": "writing the report", "share": 0.0})
     return {"file": write_report(Path(request["place"])).name}
@@ -58,8 +58,6 @@ def report(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 
 def export(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Export the run in the folder `place` as `form` to the file `target`."""
-    from cellctl.files import write_atomically
-    from cellctl.operations.export import Form, export_run
 
     tell({"doing": f"exporting {request['form']}", "share": 0.0})
     found = export_run(Path(request["place"]), Form(request["form"]))
@@ -69,7 +67,6 @@ def export(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 
 def look_at_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """What a `TableRequest` would change."""
-    from cellctl.operations.table_actions import TableRequest, look
 
     tell({"doing": "connecting to the controller", "share": 0.1})
     return look(TableRequest.from_json(request))
@@ -77,7 +74,6 @@ def look_at_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 
 def act_on_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Carry out a `TableRequest`."""
-    from cellctl.operations.table_actions import TableRequest, act
 
     tell({"doing": "connecting to the controller", "share": 0.1})
     return act(TableRequest.from_json(request))

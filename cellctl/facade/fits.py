@@ -6,20 +6,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cellctl.calibration.estimation.progress import Progress
 from cellctl.facade.frames import data_set_of, frame_of, is_frame, postures, refused
 from cellctl.facade.models import Model, load
+from cellctl.facade.views import data_view, robot_view
 from cellctl.files import Document
-from cellctl.formats import DataSet, RobotFile
+from cellctl.formats import DataSet, RobotFile, load_artefact
+from cellctl.kinematics import Floats
 from cellctl.operations.fit_options import Asked, Judging
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from cellctl.calibration.estimation.progress import Progress
-    from cellctl.kinematics import Floats
-    from cellctl.operations.fitting import FitInput
+from cellctl.operations.fitting import FitInput, fit_rows, robot_of
+from cellctl.operations.shipped import shipped_file
 
 
 @final
@@ -51,7 +52,6 @@ class Robot:
         Base and tool are those of the robot file. Raises InputError for another shape, and for values that are not
         finite.
         """
-        import numpy as np
 
         readings = postures(q, self.n)
         found = self.file.chain().forward(self.file.joint_map().model(readings))
@@ -61,7 +61,6 @@ class Robot:
         return f"<cellctl robot {self.name}: {self.n} joints>"
 
     def _repr_html_(self) -> str:
-        from cellctl.facade.views import robot_view
 
         return robot_view(self)
 
@@ -71,8 +70,6 @@ def robot(source: str | Path | RobotFile | Robot) -> Robot:
 
     Raises InputError: no such robot or file, or every error in it with line and column.
     """
-    from cellctl.operations.fitting import robot_of
-    from cellctl.operations.shipped import shipped_file
 
     if isinstance(source, Robot):
         return source
@@ -105,7 +102,6 @@ class Data:
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         """A column (N,): numbers, NaN where missing; text where not all of its cells are numbers."""
-        import numpy as np
 
         if not self.rows.has(column):
             raise KeyError(f"{column}: the columns are {', '.join(self.columns)}")
@@ -131,7 +127,6 @@ class Data:
         return f"<cellctl data {self.rows.file}: {len(self)} rows, {', '.join(self.columns)}>"
 
     def _repr_html_(self) -> str:
-        from cellctl.facade.views import data_view
 
         return data_view(self)
 
@@ -204,7 +199,6 @@ def fit(
     )
     judging = Judging(holdout, folds, column, by, seed)
     asked.refuse(judging)
-    from cellctl.operations.fitting import fit_rows
 
     given = _given(robot, data, asked, prior)
     shown = None if progress is None else _told(progress)
@@ -215,9 +209,6 @@ def _given(
     source: str | Path | RobotFile | Robot, data: Any, asked: Asked, prior: str | Path | Model | None
 ) -> FitInput:
     """The input, read; two paths are read as by the command line, which recognises swapped files."""
-    from cellctl.formats import load_artefact
-    from cellctl.operations.fitting import FitInput
-    from cellctl.operations.shipped import shipped_file
 
     if isinstance(source, str | Path) and isinstance(data, str | Path) and not isinstance(prior, Model):
         return FitInput.load(shipped_file("robot", Path(source)), Path(data), asked)

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cellctl.files import InputError, Problem, sha256_of
 from cellctl.formats import DataSet
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 RIGID = 1e-6
 """A rotation matrix may deviate from an orthonormal one by this much: rounding of printed digits."""
@@ -23,7 +22,6 @@ RIGID = 1e-6
 
 def numbers(values: ArrayLike, name: str) -> Floats:
     """`values` as a new array of floats, any shape. Raises InputError for text, complex numbers and ragged lists."""
-    import numpy as np
 
     try:
         array = np.array(values)
@@ -38,7 +36,6 @@ def postures(values: ArrayLike, n: int, name: str = "q") -> Floats:
     """Controller readings (N, n), deg; one posture (n,) becomes one row. Raises InputError with every row that is not
     finite.
     """
-    import numpy as np
 
     array = numbers(values, name)
     rows = array[None] if array.ndim == 1 and array.size else array
@@ -54,7 +51,6 @@ def poses(values: ArrayLike, name: str) -> Floats:
     """Poses (N, 4, 4), mm; one pose (4, 4) becomes one row. Raises InputError with every row that is no rigid
     motion.
     """
-    import numpy as np
 
     array = numbers(values, name)
     rows = array[None] if array.shape == (4, 4) else array
@@ -78,7 +74,6 @@ def refused(name: str, what: str, cure: str) -> InputError:
 
 
 def _refuse_infinite(rows: Floats, name: str, columns: list[str]) -> None:
-    import numpy as np
 
     found = np.argwhere(~np.isfinite(rows)).tolist()
     if found:
@@ -134,7 +129,6 @@ def frame_of(columns: Columns) -> Any:
 
 def columns_of(records: Iterable[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
     """Columns (N,) of `records` that all have the same keys; None becomes NaN."""
-    import numpy as np
 
     rows = list(records)
     return (
@@ -158,7 +152,6 @@ def _of_frame(frame: Any, name: str) -> dict[str, list[Any]]:
 
 
 def _of_mapping(columns: Mapping[str, Any], name: str) -> dict[str, list[Any]]:
-    import numpy as np
 
     found = {}
     for key, values in columns.items():

@@ -9,20 +9,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, final
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cellctl.error_maps import ErrorMap
 from cellctl.facade.frames import by_index, columns_of, data_set_of, frame_of, is_frame, postures, refused
+from cellctl.facade.targets import CompensatedProgram, Compensation, asked_targets, compensated, frame_text
+from cellctl.facade.views import model_view, prediction_view
 from cellctl.files import InputError, write_atomically
 from cellctl.formats import DataSet, ModelFile
+from cellctl.formats.table_making import nominal_chain
+from cellctl.kinematics import Bools, Floats
+from cellctl.operations.compensating import compare_methods
+from cellctl.operations.exporting import ExportOptions, exported, model_source
+from cellctl.operations.fitting import Fitted
+from cellctl.operations.predicting import Predicted, predict_rows
+from cellctl.operations.program_compensation import ProgramOptions
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from cellctl.error_maps import ErrorMap
     from cellctl.facade.fits import Robot
-    from cellctl.facade.targets import CompensatedProgram, Compensation
-    from cellctl.kinematics import Bools, Floats
-    from cellctl.operations.exporting import ExportOptions
-    from cellctl.operations.fitting import Fitted
-    from cellctl.operations.predicting import Predicted
 
 Form: TypeAlias = Literal["mdh-hayati", "dh-craig", "poe", "urdf", "dh-csv", "ur-calibration", "kuka", "abb", "fanuc"]
 _TABLES = ("mdh-hayati", "dh-craig")
@@ -33,7 +38,6 @@ def export(model: ModelFile, name: str, form: Form, path: str | Path | None, opt
     """The content of the file, written to `path` if given. Warns of what the form cannot hold, with the distance that
     this costs. name: of the model in errors. Raises InputError where the model has no such form; OSError.
     """
-    from cellctl.operations.exporting import exported, model_source
 
     made = exported(model_source(model, name), form, options)
     for line in made.lines():
@@ -92,16 +96,12 @@ class Prediction:
         return f"<cellctl prediction: {len(self)} postures, {int((~self.inside).sum())} outside the measured region>"
 
     def _repr_html_(self) -> str:
-        from cellctl.facade.views import prediction_view
 
         return prediction_view(self)
 
 
 def predicted(model: ModelFile, q: Any, frame: str) -> Prediction:
     """See `Model.predict`."""
-    import numpy as np
-
-    from cellctl.operations.predicting import predict_rows
 
     try:
         found = predict_rows(model, _joints(model, q), frame=frame)
@@ -182,8 +182,6 @@ class Model:
         """Poses (N, 4, 4), mm, in the model's frame, that the nominal robot would reach at controller readings `q`
         (N, n), deg: the targets of a program of joint positions. Base and tool are those from which the model counts.
         """
-        from cellctl.facade.frames import postures
-        from cellctl.formats.table_making import nominal_chain
 
         return nominal_chain(self.file).forward(self.file.robot.joint_map().model(postures(q, self.file.robot.n)))
 
@@ -210,7 +208,6 @@ class Model:
         A target without usable joints has its reason in the result. Raises InputError for targets that cannot be read,
         and for a model that needs more data than a target has.
         """
-        from cellctl.facade.targets import asked_targets, compensated
 
         return compensated(
             asked_targets(self.file, self.path, targets, postures, cell, method=method, passes=passes, errors=errors)
@@ -223,8 +220,6 @@ class Model:
 
         Arguments and errors as in `compensate`.
         """
-        from cellctl.facade.targets import asked_targets
-        from cellctl.operations.compensating import compare_methods
 
         asked = asked_targets(self.file, self.path, targets, postures, cell)
         return [each.dump() for each in compare_methods(asked.model, asked.wanted, asked.file, asked.limit_deg)]
@@ -251,8 +246,6 @@ class Model:
 
         Raises InputError if no point can be changed, with all reasons.
         """
-        from cellctl.facade.targets import CompensatedProgram, frame_text
-        from cellctl.operations.program_compensation import ProgramOptions
 
         configured = Path(config) if config is not None else None
         options = ProgramOptions(
@@ -306,7 +299,6 @@ class Model:
         return self._export("fanuc", path)
 
     def _export(self, form: Form, path: str | Path | None, **options: Any) -> str | bytes:
-        from cellctl.operations.exporting import ExportOptions
 
         return export(self.file, str(self.path or "model"), form, path, ExportOptions(**options))
 
@@ -326,7 +318,6 @@ class Model:
         return f"<cellctl model of {self.file.robot.name}: {self.file.model}, {self.verdict or 'not judged'}>"
 
     def _repr_html_(self) -> str:
-        from cellctl.facade.views import model_view
 
         return model_view(self, self._fit)
 

@@ -6,16 +6,17 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 from cellctl.facade.fits import Data
 from cellctl.facade.models import Model
+from cellctl.facade.views import run_view
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import TableFile
-from cellctl.journal import JournalError, read_journal, run_place
-
-if TYPE_CHECKING:
-    from cellctl.report import Run as Content
+from cellctl.journal import JournalError, fold, read_journal, run_place
+from cellctl.operations.run_list import run_summary
+from cellctl.report import Run as Content
+from cellctl.report import render
 
 
 @final
@@ -83,7 +84,6 @@ class Run:
 
     def page(self, path: str | Path | None = None) -> str:
         """The report of the run as an HTML page, written to `path` if given. Raises OSError."""
-        from cellctl.report import render
 
         text = render(self._content)
         if path is not None:
@@ -94,7 +94,6 @@ class Run:
         return f"<cellctl run {self.name}: {self.state}, {self.verdict or 'no verdict'}>"
 
     def _repr_html_(self) -> str:
-        from cellctl.facade.views import run_view
 
         return run_view(self, self._content)
 
@@ -103,9 +102,6 @@ def open_run(run: str | Path, runs: str | Path = "runs") -> Run:
     """The run in folder `run`, or of that name in the folder `runs`. Raises InputError where there is none, or its
     journal cannot be read.
     """
-    from cellctl.journal import fold
-    from cellctl.operations.run_list import run_summary
-    from cellctl.report import Run as Content
 
     place = run_place(Path(run), Path(runs))
     try:

@@ -7,8 +7,14 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import Any, Self, final
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cellctl.clock import calendar_time
+from cellctl.compensation import METHODS, MappedErrors, PredictedErrors
+from cellctl.error_maps import ErrorMap
 from cellctl.facade.frames import (
     by_index,
     columns_of,
@@ -20,9 +26,23 @@ from cellctl.facade.frames import (
     postures,
     refused,
 )
+from cellctl.facade.views import compensation_view, program_view
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import DataSet, ModelFile, TableFile
+from cellctl.formats.table import Row
+from cellctl.formats.table_export import columns, compensated_records
+from cellctl.formats.table_making import target_rows
 from cellctl.formats.targets import Targets, read_targets
+from cellctl.kinematics import Bools, Floats
+from cellctl.operations.compensating import (
+    CellRobot,
+    CompensatedTargets,
+    compensate_targets,
+    learnt_on,
+    refuse_model,
+    refuse_other_cell,
+    try_targets,
+)
 from cellctl.operations.program_compensation import (
     CompensatedFiles,
     ProgramFiles,
@@ -31,15 +51,7 @@ from cellctl.operations.program_compensation import (
     is_new_folder,
     refuse_method,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from cellctl.compensation import PredictedErrors
-    from cellctl.error_maps import ErrorMap
-    from cellctl.formats.table import Row
-    from cellctl.kinematics import Bools, Floats
-    from cellctl.operations.compensating import CompensatedTargets
+from cellctl.operations.shipped import shipped_file
 
 MOST_PASSES = 50
 """As the command line allows."""
@@ -75,7 +87,6 @@ class Compensation:
     @property
     def reached(self) -> Bools:
         """Which targets (N,) have compensated joints."""
-        import numpy as np
 
         return np.array([not reason for reason in self.reasons], bool)
 
@@ -88,8 +99,6 @@ class Compensation:
         serial: of the controller, if neither the model nor its run names it. Raises InputError with every target that
         has no joints, as `cellctl compensate` does.
         """
-        from cellctl.clock import calendar_time
-        from cellctl.operations.compensating import learnt_on
 
         learnt = learnt_on(self.asked.path, self.asked.model, serial)
         return self.asked.all_of_them().table(learnt, calendar_time())
@@ -103,7 +112,6 @@ class Compensation:
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """The columns of that file in full precision, and `reason`; NaN where a target has no joints."""
-        from cellctl.formats.table_export import columns, compensated_records
 
         records = compensated_records(self.asked.model, list(self._rows))
         unknown = columns(self.joints.shape[1])[6:]  # all but the target
@@ -120,7 +128,6 @@ class Compensation:
         return f"<cellctl compensation by {self.method}: {int(self.reached.sum())} of {len(self)} targets>"
 
     def _repr_html_(self) -> str:
-        from cellctl.facade.views import compensation_view
 
         return compensation_view(self)
 
@@ -144,7 +151,6 @@ class AskedTargets:
 
     def all_of_them(self) -> CompensatedTargets:
         """The targets, compensated. Raises InputError with every one that has no joints."""
-        from cellctl.operations.compensating import compensate_targets
 
         try:
             return compensate_targets(
@@ -176,8 +182,6 @@ def asked_targets(
     """The targets, read. errors: an error map, or takes readings (N, n), deg. Raises InputError for these, for the
     method, for another robot or tool than the cell's, and for a model that needs more data than a target has.
     """
-    from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
-    from cellctl.operations.shipped import shipped_file
 
     _refuse_method(method, passes, other_predictor=errors is not None)
     place = CellRobot.load(shipped_file("cell", Path(cell))) if cell is not None else None
@@ -194,10 +198,6 @@ def asked_targets(
 
 def compensated(asked: AskedTargets) -> Compensation:
     """See `Model.compensate`."""
-    import numpy as np
-
-    from cellctl.formats.table_making import target_rows
-    from cellctl.operations.compensating import try_targets
 
     tried = try_targets(
         asked.model,
@@ -230,7 +230,6 @@ def compensated(asked: AskedTargets) -> Compensation:
 
 
 def _refuse_method(method: str, passes: int | None, *, other_predictor: bool) -> None:
-    from cellctl.compensation import METHODS
 
     if method not in METHODS:
         what = f"'{method}' is not known"
@@ -243,7 +242,6 @@ def _refuse_method(method: str, passes: int | None, *, other_predictor: bool) ->
 
 
 def _at_model_angles(errors: ErrorMap | Callable[[Floats], Floats], model: ModelFile) -> PredictedErrors:
-    from cellctl.compensation import MappedErrors
 
     if not callable(errors):
         return MappedErrors(errors)
@@ -302,8 +300,6 @@ class CompensatedProgram:
         options: ProgramOptions,
     ) -> Self:
         """See `Model.compensate_program`."""
-        from cellctl.operations.compensating import CellRobot
-        from cellctl.operations.shipped import shipped_file
 
         refuse_method(method)
         files = ProgramFiles.of(program, options.config)
@@ -348,7 +344,6 @@ class CompensatedProgram:
         return f"<cellctl program {self.counts}>"
 
     def _repr_html_(self) -> str:
-        from cellctl.facade.views import program_view
 
         return program_view(self)
 

@@ -11,7 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from cellctl.kinematics import Floats
+from cellctl.operations.fitting import Fitted
 from cellctl.records import PASSED
+from cellctl.report import Run as Content
 from cellctl.report.drawing import ACCENT, BEFORE, before_and_after, millimetres, svg_of
 from cellctl.report.figures import fit_lines
 
@@ -20,9 +23,6 @@ if TYPE_CHECKING:
     from cellctl.facade.models import Model, Prediction
     from cellctl.facade.runs import Run
     from cellctl.facade.targets import CompensatedProgram, Compensation
-    from cellctl.kinematics import Floats
-    from cellctl.operations.fitting import Fitted
-    from cellctl.report import Run as Content
 
 SHOWN = 10
 """Rows that a view shows; further ones are counted."""

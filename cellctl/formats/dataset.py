@@ -10,15 +10,15 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
+from typing import Any, Self, TypeAlias, final
+
+import numpy as np
 
 from cellctl.files import InputError, Problem, sha256_of, write_atomically
 from cellctl.files.kinds import DATA_SET, kind_of, refuse_other_kind
+from cellctl.formats.robot import RobotFile
 from cellctl.formats.spreadsheet_text import decoded, named, separator, with_points
-
-if TYPE_CHECKING:
-    from cellctl.formats.robot import RobotFile
-    from cellctl.kinematics import Bools, Floats
+from cellctl.kinematics import Bools, Floats
 
 Cell: TypeAlias = str | int | float
 
@@ -265,7 +265,6 @@ def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
 
     Raises InputError where neither kind is complete, or both are there, or `q1…qn` hold degrees.
     """
-    import numpy as np
 
     degrees, radians = ([f"{letter}{number}" for number in range(1, robot.n + 1)] for letter in "Aq")
     names = _one_kind(sieve.data, degrees, radians)
@@ -282,7 +281,6 @@ def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
 
 def _beyond_limits(robot: RobotFile, degrees: Floats) -> Bools:
     """Which readings (N, n) this robot cannot have; NaN counts as possible."""
-    import numpy as np
 
     limits = robot.limits()
     return np.asarray(np.maximum(degrees - limits[:, 1], limits[:, 0] - degrees) > BEYOND_LIMITS_DEG)
@@ -292,7 +290,6 @@ def _refuse_degrees(sieve: Sieve, robot: RobotFile, given: Floats, names: Sequen
     """Raise InputError where most rows (N, n) cannot be this robot's radians, and nearly all of these can be its
     degrees.
     """
-    import numpy as np
 
     read = np.isfinite(given).all(axis=1)
     beyond = read & _beyond_limits(robot, np.rad2deg(given)).any(axis=1)

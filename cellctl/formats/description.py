@@ -6,13 +6,24 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Self, final
+from typing import Self, final
 
 from cellctl.files import InputError, Problem, parse_yaml
 from cellctl.formats.robot import UPRIGHT, Mounting, RobotFile, StatedTolerances, Tilt
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import AxisTable, Convention, Floats, JointMap, Link, LinkTable, SerialChain
+from cellctl.kinematics import (
+    AxisTable,
+    Convention,
+    Floats,
+    JointMap,
+    Link,
+    LinkTable,
+    SerialChain,
+    abc_from_rotation,
+    settled,
+    to_craig,
+    to_mdh,
+    to_poe,
+)
 
 LEVEL = 1e-3
 """A frame tilted by less than this is upright, rad: less than an instrument's base is known to be level."""
@@ -51,7 +62,6 @@ class RobotDescription:
     @classmethod
     def of(cls, robot: RobotFile, chain: SerialChain | None = None) -> Self:
         """A robot file's robot; `chain`, where given, in place of the nominal one: deviations become its geometry."""
-        from cellctl.kinematics import settled
 
         joints = tuple(JointSaid(row.sign, row.offset, row.min, row.max, row.max_speed) for row in robot.joints)
         form, mounting = settled(chain or robot.chain()), _mounting(robot, chain)
@@ -59,7 +69,6 @@ class RobotDescription:
 
     def joint_map(self) -> JointMap:
         """Controller readings (deg) to model angles (rad) and back."""
-        from cellctl.kinematics import JointMap
 
         return JointMap.from_lists([joint.sign for joint in self.joints], [joint.offset for joint in self.joints])
 
@@ -109,7 +118,6 @@ def degrees(radians: float) -> str:
 
 def frame_words(matrix: Floats) -> str:
     """A pose (4, 4) as `xyz: […], abc: […]`."""
-    from cellctl.kinematics import abc_from_rotation
 
     xyz = ", ".join(mm(value) for value in matrix[:3, 3].tolist())
     abc = ", ".join(number(value, DECIMALS_DEG) for value in abc_from_rotation(matrix[:3, :3]).tolist())
@@ -155,13 +163,11 @@ def _printable(name: str) -> str:
 
 
 def _in(chain: SerialChain, convention: Convention) -> SerialChain:
-    from cellctl.kinematics import to_craig, to_mdh, to_poe
 
     return {"poe": to_poe, "mdh-hayati": to_mdh, "dh-craig": to_craig}[convention](chain)
 
 
 def _geometry_lines(table: LinkTable | AxisTable) -> list[str]:
-    from cellctl.kinematics import LinkTable
 
     if isinstance(table, LinkTable):
         return ["links:", *(f"  - {{{_link_words(row)}}}" for row in table.links)]

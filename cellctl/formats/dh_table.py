@@ -5,15 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
+
+import numpy as np
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import DataSet, text_of
 from cellctl.formats.description import DECIMALS_DEG, DECIMALS_MM, JointSaid, RobotDescription
 from cellctl.formats.robot import looks_like_radians, parallel_to_neighbour
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import Floats, Link, TableConvention
+from cellctl.kinematics import (
+    Floats,
+    Link,
+    LinkTable,
+    SerialChain,
+    TableConvention,
+    abc_from_rotation,
+    pose_from_xyz_abc,
+    to_craig,
+    to_mdh,
+)
 
 CONVENTIONS = ("mdh-hayati", "dh-craig")
 _LINK = ("theta", "d", "a", "alpha")
@@ -41,8 +51,6 @@ def load_dh_table(path: Path, convention: str | None = None) -> RobotDescription
     base, tool = table.frame("base"), table.frame("tool")
     table.stop()
 
-    from cellctl.kinematics import SerialChain
-
     return RobotDescription(path.stem, SerialChain.from_links(said, links, base, tool), joints)
 
 
@@ -50,9 +58,6 @@ def dh_table_text(robot: RobotDescription, convention: TableConvention) -> str:
     """The robot as a table in `convention`, with its joint map and limits; what the table cannot hold is in base and
     tool. Raises InputError where a link is too long to be read back: axes just too far from parallel for β.
     """
-    import numpy as np
-
-    from cellctl.kinematics import LinkTable, to_craig, to_mdh
 
     chain = (to_mdh if convention == "mdh-hayati" else to_craig)(robot.chain)
     assert isinstance(chain.table, LinkTable)
@@ -93,7 +98,6 @@ def _joint_cells(joint: JointSaid) -> dict[str, float | int | None]:
 
 
 def _frame_cells(frame: Floats) -> dict[str, float]:
-    from cellctl.kinematics import abc_from_rotation
 
     values = [*frame[:3, 3].tolist(), *abc_from_rotation(frame[:3, :3]).tolist()]
     return {
@@ -151,7 +155,6 @@ class _Table:
 
     def link(self, row: int, convention: TableConvention, index: int, n: int) -> Link:
         """The link of a row."""
-        from cellctl.kinematics import Link
 
         theta, d, a, alpha = (self._number(row, name) or 0.0 for name in _LINK)
         beta = self._number(row, "beta", needed=False)
@@ -171,7 +174,6 @@ class _Table:
 
     def frame(self, name: str) -> Floats | None:
         """The frame of row `name`, or None."""
-        from cellctl.kinematics import pose_from_xyz_abc
 
         rows = [row for row, said in enumerate(self.data.texts("joint")) if said == name]
         for row in rows[1:]:

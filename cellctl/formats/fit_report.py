@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from cellctl.calibration import MOVED, ErrorFigures, FitResult, functions, verdict_sentence
+from cellctl.calibration.estimation.moved import Placing, zero_changes
 from cellctl.formats.measurements import Measurements
-
-if TYPE_CHECKING:
-    from cellctl.calibration import FitResult
-    from cellctl.calibration.estimation.moved import Placing
 
 WIDE = 3.0
 """A parameter this many tolerances from the robot file's is reported."""
@@ -34,9 +34,6 @@ def sessions(measured: Measurements) -> list[dict[str, Any]]:
 
 def by_label(result: FitResult, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Figures of the held-out rows of each label; labels: one for each row, none where rows were held out at random."""
-    import numpy as np
-
-    from cellctl.calibration import ErrorFigures
 
     of_rows, found = np.array(labels), {}
     for label in dict.fromkeys(labels):
@@ -58,9 +55,6 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
     """Parameters of robot and tool further than `WIDE` tolerances from the robot file's, with their σ, without
     coefficients of random functions.
     """
-    import numpy as np
-
-    from cellctl.calibration import functions
 
     found = result.identification.identified
     unknowns, model = found.unknowns, found.state.model
@@ -97,9 +91,6 @@ def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]
     position at the reading r + sign · δ. Only where the zeros alone were free: if the links are free as well, an error
     of a link may be confused with one of a zero.
     """
-    import numpy as np
-
-    from cellctl.calibration.estimation.moved import zero_changes
 
     freed = measured.task.freed
     if "zeros" not in freed or freed & {"links", "geometry"}:
@@ -142,7 +133,6 @@ def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] 
 
 def sentence(measured: Measurements, result: FitResult) -> str:
     """The verdict, with the figures that qualify it: σ over the region, scatter, held-out outliers."""
-    from cellctl.calibration import verdict_sentence
 
     kind, reason = measured.noun, result.verdict_reason
     if not result.n_test:
@@ -211,7 +201,6 @@ def _tool_held(measured: Measurements, result: FitResult) -> Placing | None:
 
 def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:
     """Whether the base was held in partial work that failed, although registering nominal leaves far less."""
-    from cellctl.calibration import MOVED
 
     task, place = measured.task, result.placing
     held = task.partial and "base" not in task.freed and result.verdict != "better"

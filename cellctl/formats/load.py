@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Annotated, Self, final
+from typing import Annotated, Self, final
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from cellctl.calibration import Postures
 from cellctl.files import Document
 from cellctl.files.validated import validated
 from cellctl.formats.robot import Triple
-
-if TYPE_CHECKING:
-    from cellctl.calibration import Postures
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -61,7 +60,6 @@ class LoadRegion(BaseModel):
     @classmethod
     def of(cls, rows: Iterable[Postures]) -> Self | None:
         """The region of these rows; None where none states its payload."""
-        import numpy as np
 
         stated = [(each.payload, each.payload_at) for each in rows if each.payload is not None and len(each)]
         if not stated:
@@ -101,7 +99,6 @@ class LoadRegion(BaseModel):
 
 def two_centres(at: Postures) -> tuple[int, int] | None:
     """Two rows (from 0) with a payload whose centres of gravity differ; None where there are none."""
-    import numpy as np
 
     if at.payload is None or at.payload_at is None:
         return None
@@ -114,7 +111,6 @@ def two_centres(at: Postures) -> tuple[int, int] | None:
 
 
 def _same(one: Triple | Floats | None, other: Triple | Floats | None) -> bool:
-    import numpy as np
 
     if one is None or other is None:
         return one is None and other is None

@@ -5,32 +5,38 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
+from typing import Annotated, Any, Literal, Self, final
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from cellctl.calibration import (
+    DEFLECTION,
+    At,
+    Estimate,
+    FitResult,
+    Frame,
+    Identification,
+    Kind,
+    MeasuredRegion,
+    Prediction,
+    RobotModel,
+    Task,
+    effect_of,
+    plane_estimates,
+    prediction_sigma,
+    settings_of,
+)
+from cellctl.calibration import Parameter as CalibrationParameter
+from cellctl.calibration.prediction.measured_region import OUTSIDE, Coverage
+from cellctl.calibration.residuals.residual_model import PostureBasis
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
+from cellctl.formats.joint_box import JointBox
 from cellctl.formats.load import LoadRegion
 from cellctl.formats.measurements import Measurements, nominal_model
 from cellctl.formats.robot import Number, RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.calibration import (
-        At,
-        Estimate,
-        FitResult,
-        Frame,
-        Identification,
-        Kind,
-        MeasuredRegion,
-        Prediction,
-        RobotModel,
-        Task,
-    )
-    from cellctl.calibration import Parameter as CalibrationParameter
-    from cellctl.calibration.prediction.measured_region import Coverage
-    from cellctl.kinematics import Bools, Floats, JointMap
+from cellctl.kinematics import Bools, Floats, JointMap
 
 GREATEST = 1e9
 """No parameter, and no σ, is greater than this, in any unit."""
@@ -56,7 +62,6 @@ def check_postures(postures: Sequence[Sequence[float]] | None, joints: int, what
 
 def check_covariance(covariance: Floats) -> None:
     """Refuse a covariance (P, P) that is not symmetric, or has a variance below 0 along any combination."""
-    import numpy as np
 
     variances = np.diag(covariance)
     scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
@@ -169,9 +174,6 @@ class JointRegion(BaseModel):
     @classmethod
     def of(cls, region: MeasuredRegion, joints: JointMap) -> JointRegion:
         """A measured region, in model angles, as readings."""
-        import numpy as np
-
-        from cellctl.calibration.residuals.residual_model import PostureBasis
 
         both = joints.readings(np.stack([region.lower, region.upper]))
         basis = region.coverage if isinstance(region.coverage, PostureBasis) else None
@@ -185,17 +187,12 @@ class JointRegion(BaseModel):
 
     def bounds(self, joints: JointMap) -> tuple[Floats, Floats]:
         """Least and greatest model angles (n,), rad."""
-        import numpy as np
 
         both = joints.model(np.array([self.min, self.max]))
         return both.min(axis=0), both.max(axis=0)
 
     def coverage(self, joints: JointMap) -> Coverage:
         """Remaining variance at other postures, in model angles."""
-        import numpy as np
-
-        from cellctl.calibration.residuals.residual_model import PostureBasis
-        from cellctl.formats.joint_box import JointBox
 
         if self.postures and self.length:
             return PostureBasis(joints.model(np.array(self.postures)), float(np.deg2rad(self.length)))
@@ -203,12 +200,10 @@ class JointRegion(BaseModel):
 
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the region (N,)."""
-        import numpy as np
 
         return np.asarray((self._beyond(readings) <= REGION_MARGIN_DEG).all(axis=1))
 
     def _beyond(self, readings: Floats) -> Floats:
-        import numpy as np
 
         return np.asarray(np.maximum(np.maximum(np.array(self.min) - readings, readings - np.array(self.max)), 0.0))
 
@@ -249,7 +244,6 @@ class ModelFile(BaseModel):
     @classmethod
     def _complete(cls, effects: list[dict[str, Any]] | None) -> list[dict[str, Any]] | None:
         """The settings of each effect, completed where an older file lacks some."""
-        from cellctl.calibration import effect_of, settings_of
 
         return None if effects is None else [settings_of(effect_of(settings)) for settings in effects]
 
@@ -267,9 +261,6 @@ class ModelFile(BaseModel):
         prior: the model that it was updated from; its measured region grows only by rows that determined the
         robot's own parameters.
         """
-        import numpy as np
-
-        from cellctl.calibration import settings_of
 
         found = result.identification.identified
         unknowns, count = found.unknowns, found.unknowns.robot
@@ -318,7 +309,6 @@ class ModelFile(BaseModel):
 
     def robot_model(self) -> RobotModel:
         """The identified robot. Raises ValueError where the parameters are not those of the robot."""
-        import numpy as np
 
         nominal = self._nominal()
         if set(self.start) != {"base", "tool"}:
@@ -343,7 +333,6 @@ class ModelFile(BaseModel):
 
         Raises ValueError where the effects are not those of the robot.
         """
-        from cellctl.calibration import DEFLECTION, effect_of
 
         if self.effects is None:
             bends = bool(self.parameters) and self.parameters[-1].name == DEFLECTION
@@ -356,7 +345,6 @@ class ModelFile(BaseModel):
 
     def _check_session(self, session: SessionPlace, parameters: Sequence[CalibrationParameter]) -> None:
         """Refuse a session's covariance that is invalid, or differs from the first session's in shared parameters."""
-        import numpy as np
 
         if session.covariance is None:
             return
@@ -385,7 +373,6 @@ class ModelFile(BaseModel):
 
     def predict(self, readings: Floats, at: At | None = None, *, frame: Frame = "base") -> Prediction:
         """Tool poses and 1 σ (see `sigma`) at controller readings (N, n), deg; `at`: the same with their conditions."""
-        from cellctl.calibration import Prediction
 
         postures = self.robot.joint_map().model(readings) if at is None else at
         return Prediction(self.robot_model().pose(postures), self.sigma(readings, at, frame=frame))
@@ -399,9 +386,6 @@ class ModelFile(BaseModel):
         kind: `absolute`, or `among` each other, without common rigid motions (ValueError for fewer than four). Outside
         the joint region σ is wider: one half-span outside the model is trusted no more than nominal.
         """
-        import numpy as np
-
-        from cellctl.calibration import prediction_sigma
 
         postures = self.robot.joint_map().model(readings) if at is None else at
         chosen = frame if self.frame_of_points else "base"
@@ -414,14 +398,12 @@ class ModelFile(BaseModel):
         """Which readings (N, n), deg, lie in the measured region (N,), also that of its residual models; outside it the
         model extrapolates.
         """
-        from cellctl.calibration.prediction.measured_region import OUTSIDE
 
         far = self._nominal().outside(self.robot.joint_map().model(readings)) > OUTSIDE
         return self.joint_region.inside(readings) & ~far
 
     def measured_region(self) -> MeasuredRegion:
         """The measured region, in model angles."""
-        from cellctl.calibration import MeasuredRegion
 
         joints, region, own = self.robot.joint_map(), self.joint_region, self._nominal().residual_models
         lower, upper = region.bounds(joints)
@@ -439,7 +421,6 @@ def _loads(measured: Measurements, result: FitResult, prior: LoadRegion | None) 
 
 
 def _parameters(found: Identification) -> list[Parameter]:
-    import numpy as np
 
     unknowns, model = found.identified.unknowns, found.identified.state.model
     sigma = np.sqrt(np.diag(found.identified.covariance))
@@ -479,7 +460,6 @@ def _centres(task: Task, centres: Floats, sigma: Floats) -> list[Centre]:
 
 
 def _planes(task: Task, found: Estimate) -> list[TouchedPlane]:
-    from cellctl.calibration import plane_estimates
 
     return [
         TouchedPlane(

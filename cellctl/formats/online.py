@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
+from typing import Annotated, Any, Literal, Self, final
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from cellctl.calibration import Postures
+from cellctl.compensation.online import online_arrays
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
 from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
 from cellctl.formats.robot import Number
-
-if TYPE_CHECKING:
-    from cellctl.calibration import Postures
 
 FORMAT: Literal["cellctl correction 1"] = "cellctl correction 1"
 _CURE = "give a file that `online_correction` wrote"
@@ -43,9 +43,6 @@ class CorrectionFile(BaseModel):
         Where a table's rows are allowed, the correction is whole; outside it fades to zero over another such margin.
         Raises ValueError for a model with an effect that cannot be computed on-line.
         """
-        import numpy as np
-
-        from cellctl.compensation.online import online_arrays
 
         region = model.joint_region
         found = online_arrays(

@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from cellctl.calibration import RobotModel
 from cellctl.files import InputError, Problem
 from cellctl.formats.measurements import Measurements
 from cellctl.formats.model import ModelFile
 from cellctl.formats.robot import RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.calibration import RobotModel
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 GROUPS = ("zeros", "links", "geometry", "tool", "base", "points", "datums")
 """Groups that every model has; its effects are groups of their own."""
@@ -64,7 +63,6 @@ def _in_session(
     prior: ModelFile, measured: Measurements, groups: frozenset[str] | None, file: str
 ) -> tuple[RobotModel, Floats]:
     """The prior model in the session that the rows name first, and its covariance (P, P)."""
-    import numpy as np
 
     model, covariance = prior.robot_model(), np.array(prior.covariance)
     name = next(iter(measured.texts("session")), "")

@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, final
+from typing import Annotated, Any, Literal, Self, TypeAlias, final
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer
 
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.kinds import ROBOT
 from cellctl.files.validated import validated
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import Floats, JointMap, Link, SerialChain
+from cellctl.kinematics import Floats, JointAxis, JointMap, Link, SerialChain, pose_from_xyz_abc, rotation_from_abc
 
 _FORMS = {"mdh-hayati": ("links",), "dh-craig": ("links",), "poe": ("screws", "home")}
 """The sections with a robot's geometry, by convention."""
@@ -303,7 +302,6 @@ class RobotFile(BaseModel):
 
     def chain(self) -> SerialChain:
         """The nominal chain: links or axes, base and tool as in the file."""
-        from cellctl.kinematics import JointAxis, SerialChain
 
         base, tool = _pose(self.base), _pose(self.tool)
         if self.convention == "poe":
@@ -313,9 +311,6 @@ class RobotFile(BaseModel):
 
     def down(self) -> tuple[float, float, float]:
         """Direction of weight in the robot's own base frame (behind `base`): a unit vector."""
-        import numpy as np
-
-        from cellctl.kinematics import rotation_from_abc
 
         tilt = self.mounting.tilt if isinstance(self.mounting, Tilt) else STANDING[self.mounting]
         turn = rotation_from_abc(tilt) @ rotation_from_abc(self.base.abc)
@@ -324,19 +319,16 @@ class RobotFile(BaseModel):
 
     def joint_map(self) -> JointMap:
         """Controller readings (deg) to model angles (rad) and back."""
-        from cellctl.kinematics import JointMap
 
         return JointMap.from_lists([joint.sign for joint in self.joints], [joint.offset for joint in self.joints])
 
     def limits(self) -> Floats:
         """Joint limits (n, 2) in controller readings, deg: lower, upper."""
-        import numpy as np
 
         return np.array([[joint.min, joint.max] for joint in self.joints])
 
     def max_speeds(self) -> Floats:
         """Greatest joint speeds (n,), deg/s."""
-        import numpy as np
 
         return np.array([joint.max_speed for joint in self.joints])
 
@@ -349,13 +341,11 @@ class RobotFile(BaseModel):
 
 
 def _link(row: LinkRow) -> Link:
-    from cellctl.kinematics import Link
 
     beta = None if row.beta is None else math.radians(row.beta)
     return Link(math.radians(row.theta), row.d, row.a, math.radians(row.alpha), beta)
 
 
 def _pose(frame: Frame | Tool) -> Floats:
-    from cellctl.kinematics import pose_from_xyz_abc
 
     return pose_from_xyz_abc(frame.xyz, frame.abc)

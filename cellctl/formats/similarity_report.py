@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
+import numpy as np
+
+from cellctl.analysis import Correlation, EmpiricalSemivariogram, ErrorSet, Similarity, UnsuitableRows
+from cellctl.calibration import State
+from cellctl.calibration.estimation.identify import registered, rows_together
+from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import DataSet, Rejected
 from cellctl.formats.measurements import Measurements, measurements, refuse_alike
 from cellctl.formats.model import ModelFile
 from cellctl.formats.prior import from_prior
 from cellctl.formats.robot import RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.analysis import Correlation, EmpiricalSemivariogram, ErrorSet, Similarity
-    from cellctl.calibration import State
-    from cellctl.calibration.rows.row_blocks import RowBlocks
-    from cellctl.kinematics import Bools, Floats
+from cellctl.kinematics import Bools, Floats
 
 FAR = 6.0
 """Distance from the middle of all errors, in medians of that distance: 9 σ of errors that are normal in 3-D."""
@@ -54,10 +55,6 @@ def robot_errors(
     many is used. Left out are rows that are outliers for a geometric fit and also FAR away from the middle of all
     errors: what geometry alone does not explain is to be analysed. Raises InputError where the rows do not allow it.
     """
-    import numpy as np
-
-    from cellctl.analysis import ErrorSet, UnsuitableRows
-    from cellctl.calibration.estimation.identify import registered, rows_together
 
     total = len(measured.lines)
     chosen = np.sort(np.random.default_rng([seed, 32]).permutation(total)[:most])
@@ -78,7 +75,6 @@ def robot_errors(
 
 def _far(errors: Floats, kept: Bools) -> Bools:
     """Which errors (N, 3) are FAR away from the middle of all: in distances of a typical one of those `kept`."""
-    import numpy as np
 
     away = np.linalg.norm(errors - np.median(errors[kept], axis=0), axis=1)
     return np.asarray(away > FAR * np.median(away[kept]))
@@ -100,7 +96,6 @@ SIGNIFICANT = 0.05
 
 def similarity_report(errors: RobotErrors, found: Similarity, seed: int) -> dict[str, Any]:
     """All figures. Distances in mm and degrees, semivariances in variances; None for what cannot be computed."""
-    import numpy as np
 
     size = np.linalg.norm(errors.found.errors, axis=1)
     return {

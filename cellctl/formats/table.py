@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, final
+from typing import Annotated, Any, Literal, Self, final
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
 from cellctl.formats.robot import Number, RobotFile, Tool
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 _Name = Annotated[str, Field(min_length=1)]
@@ -180,7 +179,6 @@ def table_rows(
 
     exact: nothing is rounded.
     """
-    import numpy as np
 
     def listed(column: Floats, decimals: int = 9) -> list[Any]:
         values: list[Any] = (column if exact else np.round(column, decimals) + 0.0).tolist()  # + 0.0: no minus zero

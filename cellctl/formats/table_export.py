@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import text_of
 from cellctl.formats.model import ModelFile
 from cellctl.formats.table import Row, TableFile
 from cellctl.formats.table_making import nominal_chain
+from cellctl.kinematics import abc_from_rotation
 from cellctl.krl.writing import aggregate_text, data_list, declaration_text, program
 
 _MOST_AXES = 6
@@ -139,9 +142,6 @@ def _record_cells(row: Row, pseudo: list[float]) -> list[float | None]:
 
 def _pseudo_targets(model: ModelFile, rows: list[Row]) -> list[list[float]]:
     """Where a controller with nominal kinematics believes its TCP at the compensated joints: X, Y, Z, A, B, C."""
-    import numpy as np
-
-    from cellctl.kinematics import abc_from_rotation
 
     readings = np.array([row.compensated for row in rows])
     poses = nominal_chain(model).forward(model.robot.joint_map().model(readings))

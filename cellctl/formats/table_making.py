@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cellctl.calibration import Postures
+from cellctl.compensation import Compensated, MappedErrors, PredictedErrors, compensate, postures
 from cellctl.files import sha256_of
 from cellctl.formats.measurements import nominal_model
 from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
 from cellctl.formats.table import JOINT_DECIMALS, Row, TableFile, TableRegion, TableRobot, TableSource, table_rows
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from cellctl.calibration import Postures
-    from cellctl.compensation import Compensated, PredictedErrors
-    from cellctl.kinematics import Floats, SerialChain
+from cellctl.kinematics import Floats, SerialChain, abc_from_rotation
 
 DRAWN = 300
 """Postures drawn in the measured region of a model that keeps too few of its own."""
@@ -28,9 +27,6 @@ def measured_postures(model: ModelFile) -> Postures:
 
     The approach of each joint is drawn, and the payload between those of the fit; temperature and currents are unknown.
     """
-    import numpy as np
-
-    from cellctl.calibration import Postures
 
     region, loads, rng = model.joint_region, model.load_region, np.random.default_rng(SEED)
     readings = np.array(region.postures or [])
@@ -44,7 +40,6 @@ def measured_postures(model: ModelFile) -> Postures:
 
 def nominal_chain(model: ModelFile) -> SerialChain:
     """The nominal chain that `model` counts from: the robot file's links, with the fit's base and tool."""
-    import numpy as np
 
     placed = nominal_model(model.robot).on(np.array(model.start["base"]), np.array(model.start["tool"]))
     return placed.chain
@@ -66,7 +61,6 @@ def compensated_targets(
     of an error map) in the frame of the model, in place of the identified robot; for `cyclic-search`. A target whose
     joints leave the limits of the robot file is not converged, with the joint as its reason.
     """
-    from cellctl.compensation import compensate
 
     joints = model.robot.joint_map()
     found = compensate(
@@ -84,7 +78,6 @@ def compensated_targets(
 
 def _within_limits(found: Compensated, readings: Floats, limits: Floats) -> Compensated:
     """`found`, with a reason for each target that joints outside their limits (n, 2), deg, would reach."""
-    import numpy as np
 
     beyond = (readings < limits[:, 0]) | (readings > limits[:, 1])
     reasons = list(found.reasons)
@@ -98,9 +91,6 @@ def _within_limits(found: Compensated, readings: Floats, limits: Floats) -> Comp
 
 def usual_postures(model: ModelFile, targets: Floats) -> Floats:
     """Readings (N, n), deg, that reach `targets` (N, 4, 4) nominally, inside the model's region; NaN: none does."""
-    import numpy as np
-
-    from cellctl.compensation import postures
 
     joints, region = model.robot.joint_map(), valid_region(model)
     ends = np.sort(joints.model([region.min, region.max]), axis=0)
@@ -123,7 +113,6 @@ def sigma_among_rows(model: ModelFile, rows: list[Row]) -> float | None:
     The part of `sigma_mm` without common rigid motions: the relevant one once the frame has been tied to something in
     the cell (a sphere, a fixture).
     """
-    import numpy as np
 
     if len(rows) < 4 or any(row.sigma_mm is None for row in rows):
         return None
@@ -134,7 +123,6 @@ def _target_sigma(model: ModelFile, readings: Floats, errors: PredictedErrors | 
     """1 σ (N,), 3-D, mm, of the TCP predicted at controller readings (N, n), deg: the model's, in the frame of what was
     touched for a model from touches, as targets are built on its points; or that of `errors`, None without one.
     """
-    from cellctl.compensation import MappedErrors
 
     if errors is None:
         return model.sigma(readings, frame="points")
@@ -154,9 +142,6 @@ def target_rows(
     The predicted errors are those of the joints as rounded for the controller: 1e-6° is 2e-5 mm at 1 m. exact: in full
     precision, where 1e-6 mm are left.
     """
-    import numpy as np
-
-    from cellctl.kinematics import abc_from_rotation
 
     joints, identified, nominal = model.robot.joint_map(), model.robot_model(), nominal_chain(model)
 
@@ -223,7 +208,6 @@ def row_figures(rows: list[Row]) -> dict[str, Any]:
 
 def mean_rms_max(values: ArrayLike) -> dict[str, float]:
     """Mean, RMS and maximum of values (N,), N ≥ 1."""
-    import numpy as np
 
     array = np.asarray(values, float)
     return {"mean": float(array.mean()), "rms": float(np.sqrt(np.mean(array**2))), "max": float(array.max())}

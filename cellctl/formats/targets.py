@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import final
+
+import numpy as np
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import DataSet, Sieve, joint_readings, text_of
 from cellctl.formats.robot import RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import Floats
-    from cellctl.planning import TargetSet
+from cellctl.kinematics import Floats, abc_from_rotation, pose, rotation_from_abc, rotation_from_quaternion
+from cellctl.planning import TargetSet
 
 _ABC = ("A", "B", "C")
 _QUATERNION = ("QW", "QX", "QY", "QZ")
@@ -33,9 +33,6 @@ def read_targets(data: DataSet, robot: RobotFile) -> Targets:
 
     Raises InputError with every row that cannot be used: leaving one out would renumber those after it.
     """
-    import numpy as np
-
-    from cellctl.kinematics import pose, rotation_from_abc, rotation_from_quaternion
 
     orientation = _orientation(data)
     sieve = Sieve(data)
@@ -72,9 +69,6 @@ def targets_text(targets: TargetSet) -> str:
 
     The empty columns are for the measurement. The nominal ones have other names: a fit cannot take them for measured.
     """
-    import numpy as np
-
-    from cellctl.kinematics import abc_from_rotation
 
     nominal = np.column_stack([targets.poses[:, :3, 3], abc_from_rotation(targets.poses[:, :3, :3])])
     judged = bool(targets.held_out.any())
@@ -95,7 +89,6 @@ def read_path(file: Path) -> Floats:
 
     Raises InputError with every row that cannot be used, for fewer than two points, or a path without length.
     """
-    import numpy as np
 
     data = DataSet.load(file)
     if missing := [name for name in MEASURED if not data.has(name)]:

@@ -7,15 +7,15 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, final
+from typing import NoReturn, final
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
+
 from cellctl.files import InputError, Problem
 from cellctl.formats.description import DECIMALS_MM, JointSaid, RobotDescription, number
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats, JointAxis, SerialChain, abc_from_rotation, inverse_pose, pose_from_xyz_abc
 
 LARGEST_BYTES = 20_000_000
 
@@ -283,7 +283,6 @@ def _check_kinds(file: _File, root: Element, path: list[_Joint]) -> None:
 
 
 def _placed(file: _File, joint: _Joint) -> UrdfJoint:
-    import numpy as np
 
     turns = joint.kind in _TURNING
     along = np.array(_axis(file, joint))
@@ -293,9 +292,6 @@ def _placed(file: _File, joint: _Joint) -> UrdfJoint:
 
 
 def _described(chain: UrdfChain) -> RobotDescription:
-    import numpy as np
-
-    from cellctl.kinematics import JointAxis, SerialChain, inverse_pose
 
     here, axes, joints = np.eye(4), [], []
     base, flange = here, None
@@ -317,9 +313,6 @@ def _described(chain: UrdfChain) -> RobotDescription:
 
 def _origin(file: _File, joint: Element) -> Floats:
     """From the parent link's frame to the joint's (4, 4), mm."""
-    import numpy as np
-
-    from cellctl.kinematics import pose_from_xyz_abc
 
     origin = joint.first("origin")
     xyz = file.numbers(origin, "xyz", (0.0, 0.0, 0.0))
@@ -358,9 +351,6 @@ def urdf_text(robot: RobotDescription) -> str:
     """The robot as URDF: from `world` (where the base is not its origin) over `base_link`, `link_1` … `link_n` and the
     flange `tool0` to `tcp` (where there is a tool). Joints without limits become continuous. No masses, no shapes.
     """
-    import numpy as np
-
-    from cellctl.kinematics import inverse_pose
 
     chain = robot.chain.with_base(np.eye(4))
     frames = chain.frames(robot.joint_map().model(np.zeros(chain.n)))
@@ -387,7 +377,6 @@ def urdf_text(robot: RobotDescription) -> str:
 
 def origin_words(step: Floats) -> tuple[list[str], list[str]]:
     """A pose (4, 4), mm, as an `<origin>` has it: x, y, z in m; roll, pitch, yaw (R = Rz Ry Rx) in rad."""
-    from cellctl.kinematics import abc_from_rotation
 
     xyz = [_metres(value) for value in step[:3, 3].tolist()]
     return xyz, [_radians(value) for value in reversed(abc_from_rotation(step[:3, :3]).tolist())]

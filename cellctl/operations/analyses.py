@@ -6,7 +6,7 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping
-from contextlib import chdir, contextmanager
+from contextlib import chdir, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Self, TypeAlias, final
@@ -14,9 +14,15 @@ from typing import Any, Literal, Self, TypeAlias, final
 from cellctl.calibration.estimation.progress import Progress, part_of, silent
 from cellctl.clock import calendar_time
 from cellctl.files import InputError, Problem, write_atomically
+from cellctl.formats import RobotFile, load_artefact
 from cellctl.journal.journal_file import WriterLock, lock_holder
+from cellctl.operations.exporting import ExportOptions, exported, model_source, read_source
 from cellctl.operations.failure import ABORTED, MEANINGS, Failure
 from cellctl.operations.fit_options import Asked, Judging
+from cellctl.operations.fitting import FitInput, fit_rows
+from cellctl.operations.robot_library import doubt_of, suggest_robots
+from cellctl.operations.understanding import read_data, understand
+from cellctl.pendant_import import choices
 from cellctl.robots import library, near
 
 Role: TypeAlias = Literal["data", "positions", "robot", "artefact"]
@@ -228,9 +234,6 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
     Without a chosen robot, the best suggestion is taken, if one agrees with the rows. Raises InputError where the file
     cannot be read.
     """
-    from cellctl.formats import RobotFile, load_artefact
-    from cellctl.operations.robot_library import doubt_of, suggest_robots
-    from cellctl.operations.understanding import read_data, understand
 
     with inside(folder):
         record = _with_robot_file(Analysis.load(Path()))
@@ -318,9 +321,6 @@ def _kept_on_error() -> Iterator[None]:
 
 
 def _fitted(progress: Progress) -> Outcome:
-    from contextlib import nullcontext
-
-    from cellctl.operations.fitting import FitInput, fit_rows
 
     record = Analysis.load(Path())
     asked, judging = record.asked(), record.settings.judging()
@@ -341,7 +341,6 @@ def _fitted(progress: Progress) -> Outcome:
 
 def _urdf(model: Any) -> tuple[str, ...]:
     """Write the URDF; what it cannot hold, or why there is none."""
-    from cellctl.operations.exporting import ExportOptions, exported, model_source
 
     try:
         made = exported(model_source(model, MODEL), "urdf", ExportOptions())
@@ -371,7 +370,6 @@ def _with_robot_file(record: Analysis) -> Analysis:
     """The record, with a robot file in place of a URDF. Raises InputError."""
     if not record.robot.lower().endswith(URDF_SUFFIX):
         return record
-    from cellctl.operations.exporting import ExportOptions, exported, read_source
 
     source = read_source(Path(record.robot), None, None, _repeatability(record))
     content = exported(source, "mdh-hayati", ExportOptions()).content
@@ -396,7 +394,6 @@ def _repeatability(record: Analysis) -> float | None:
 
 
 def _choices(record: Analysis) -> Any:
-    from cellctl.pendant_import import choices
 
     answers = dict(record.answers)
     columns = answers.pop("columns", "")

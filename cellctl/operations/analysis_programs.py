@@ -8,7 +8,14 @@ from typing import Any, final
 
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import InputError, Problem, write_atomically
+from cellctl.formats import DataSet, ModelFile
+from cellctl.formats.dataset import text_of
+from cellctl.formats.table_making import row_figures
+from cellctl.formats.targets import read_targets
 from cellctl.operations.analyses import MODEL, inside, write_json
+from cellctl.operations.compensating import compensate_targets
+from cellctl.operations.program_compensation import ProgramFiles, ProgramOptions, compensate_files
+from cellctl.pendant_import import choices, imported_targets
 
 _KRL = (".src", ".dat", ".sub")
 
@@ -44,7 +51,6 @@ def compensate_analysis(
 
     Raises InputError where the model, the files or a point do not allow it.
     """
-    from cellctl.formats import ModelFile
 
     with inside(folder):
         if not Path(MODEL).is_file():
@@ -77,7 +83,6 @@ def _parts(request: ProgramRequest) -> tuple[Path | None, Path]:
 
 
 def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest, out: Path) -> dict[str, Any]:
-    from cellctl.operations.program_compensation import ProgramFiles, ProgramOptions, compensate_files
 
     files = ProgramFiles.of(src, config)
     options = ProgramOptions(config, request.tool or None, request.base or None, None, request.insert, request.arm_only)
@@ -92,9 +97,6 @@ def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest
 
 
 def _targets(model: Any, file: Path, request: ProgramRequest, out: Path) -> dict[str, Any]:
-    from cellctl.formats.table_making import row_figures
-    from cellctl.formats.targets import read_targets
-    from cellctl.operations.compensating import compensate_targets
 
     data, decided = _target_set(file, request)
     made = compensate_targets(model, read_targets(data, model.robot), data.file)
@@ -113,9 +115,6 @@ def _targets(model: Any, file: Path, request: ProgramRequest, out: Path) -> dict
 
 def _target_set(file: Path, request: ProgramRequest) -> tuple[Any, list[dict[str, Any]]]:
     """The targets as a data set, and what an import left out."""
-    from cellctl.formats import DataSet
-    from cellctl.formats.dataset import text_of
-    from cellctl.pendant_import import choices, imported_targets
 
     if file.suffix.lower() == ".csv" and not request.orientation:
         return DataSet.load(file), []

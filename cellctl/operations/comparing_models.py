@@ -14,16 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 
+from cellctl.calibration import RobotModel
+from cellctl.calibration.distributions import chi2_sf, normal_sf
+from cellctl.calibration.estimation.registration import rigid_fit
+from cellctl.calibration.prediction.predict import shape_columns
 from cellctl.formats import ModelFile
 from cellctl.formats.model import Parameter
-
-if TYPE_CHECKING:
-    from cellctl.calibration import RobotModel
-    from cellctl.kinematics import Bools, Floats
+from cellctl.kinematics import Bools, Floats
 
 _COVERAGE = 2.0
 """Coverage factor k: a change above k σ is called significant; without a change 4.6 % are."""
@@ -228,7 +229,6 @@ class _Comparison:
 
     def _tool_and_sigma(self, variance: Floats, at: Floats) -> tuple[Floats, float]:
         """Basis (3N, 3) of a tool's translation, and the RMS over the postures of what σ explains, mm."""
-        from cellctl.calibration.prediction.predict import shape_columns
 
         of_a, of_b = (dict(zip(model.names, shape_columns(model, at).T, strict=True)) for model in self._models)
         tool, _ = np.linalg.qr(np.stack([of_a[f"tool_{axis}"] for axis in "xyz"], axis=1))
@@ -264,7 +264,6 @@ def _test(difference: Floats, variance: Floats) -> tuple[float, int, float]:
 
     Combinations without variance do not count. Both tests are corrected for their number (Bonferroni).
     """
-    from cellctl.calibration.distributions import chi2_sf, normal_sf
 
     sigma = np.sqrt(np.maximum(np.diag(variance), 0.0))
     used = sigma > 0.0
@@ -293,7 +292,6 @@ def _with_tool(model: RobotModel, tool: Floats, at: Floats) -> Floats:
 
 def _moved_onto(points: Floats, others: Floats) -> Floats:
     """`points` (N, 3), carried nearest to `others` by a rigid motion."""
-    from cellctl.calibration.estimation.registration import rigid_fit
 
     pose = rigid_fit(points, others)
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])

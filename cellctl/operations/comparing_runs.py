@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from math import hypot, sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
+from cellctl.calibration import RobotModel
 from cellctl.files import InputError
 from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
@@ -24,9 +25,6 @@ from cellctl.operations.comparing_models import (
     significant,
 )
 from cellctl.operations.run_list import ROBOT, RunRow, procedure_name, robot_serial, run_summary
-
-if TYPE_CHECKING:
-    from cellctl.calibration import RobotModel
 
 MODEL = "model.json"
 

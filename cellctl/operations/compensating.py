@@ -7,8 +7,12 @@ import time
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import Any, Self, final
 
+import numpy as np
+
+from cellctl.calibration import MotorTorsion
+from cellctl.compensation import METHODS, Compensated, PredictedErrors
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
@@ -25,10 +29,7 @@ from cellctl.formats.table_making import (
 )
 from cellctl.formats.targets import Targets
 from cellctl.journal import fold, read_journal
-
-if TYPE_CHECKING:
-    from cellctl.compensation import Compensated, PredictedErrors
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 SIMULATED_SERIAL = "SIM-"
 """Prefix of a simulated controller's serial (docs/reference/eki-channel.md)."""
@@ -211,7 +212,6 @@ def try_targets(
     correction_deg: float = math.inf,
 ) -> Tried:
     """Compensate what can be; the others have their reasons. Arguments as in `compensate_targets`."""
-    import numpy as np
 
     postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
     started = np.asarray(np.isfinite(postures).all(axis=1))
@@ -230,7 +230,6 @@ def try_targets(
 
 def refuse_model(model: ModelFile, file: str) -> None:
     """Raise InputError if targets, as those of `file`, lack data that `model` needs for a prediction."""
-    from cellctl.calibration import MotorTorsion
 
     loads = model.load_region
     if loads and loads.min < loads.max and loads.min > 0.0:
@@ -304,16 +303,12 @@ def compare_methods(model: ModelFile, wanted: Targets, file: str, correction_deg
 
     Raises InputError for a model that cannot predict a target without further data.
     """
-    from cellctl.compensation import METHODS
 
     refuse_model(model, file)
     return [_figures(model, wanted, method, correction_deg) for method in METHODS]
 
 
 def _figures(model: ModelFile, wanted: Targets, method: str, correction_deg: float) -> MethodFigures:
-    import numpy as np
-
-    from cellctl.compensation import METHODS
 
     once = try_targets(model, wanted, method=method, passes=1, correction_deg=correction_deg)
     tried = try_targets(model, wanted, method=method, correction_deg=correction_deg)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
+from typing import Any, Self, TypeAlias, final
 
 from cellctl.files import InputError, canonical_json
 from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal
+from cellctl.metrology import ControlChart, control_chart
+from cellctl.metrology.daily_check import RIGID_AND_SCALE, deviations, in_one_frame
 from cellctl.records import VerdictRow
-
-if TYPE_CHECKING:
-    from cellctl.metrology import ControlChart
 
 POINTS, SECTION = "daily points", "daily"
 """Kind of the row of a check's points, and the field of its verdict; `procedures/steps/daily/rows.py` has both."""
@@ -76,7 +75,6 @@ class DailyHistory:
 
     def to_json(self) -> dict[str, Any]:
         """As JSON has it; the first moving range of a chart is null."""
-        from dataclasses import asdict
 
         names = ("robot", "baseline", "payload_kg", "accuracy", "provisional")
         charts = [{"name": name, "unit": "mm", **_json(chart)} for name, chart in self.charts.items()]
@@ -156,8 +154,6 @@ def _check(run: str, started: RunStarted, state: RunState) -> DailyCheck:
 def _charts(days: Sequence[Mapping[str, Any]], baseline: int) -> dict[str, ControlChart]:
     if len(days) < 2:
         return {}
-    from cellctl.metrology import control_chart
-    from cellctl.metrology.daily_check import RIGID_AND_SCALE, deviations, in_one_frame
 
     points = in_one_frame(*([day[name] for day in days] for name in ("points", "nests", "spread")))
     columns = deviations(points, baseline).T

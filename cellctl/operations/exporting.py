@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 from cellctl.files import InputError, Problem
-
-if TYPE_CHECKING:
-    from cellctl.formats import ModelFile
-    from cellctl.formats.description import RobotDescription
-    from cellctl.formats.exports import Cost, FittedForm, JointZeros
-    from cellctl.kinematics import Convention, Floats, TableConvention
+from cellctl.formats import ModelFile, RobotFile
+from cellctl.formats.description import RobotDescription, robot_text
+from cellctl.formats.dh_table import dh_table_text, load_dh_table
+from cellctl.formats.exports import (
+    Cost,
+    FittedForm,
+    JointZeros,
+    abb_text,
+    effects_left_out,
+    fanuc_text,
+    hash_of,
+    joint_zeros,
+    kuka_text,
+    ur_calibration,
+    urdf_into,
+)
+from cellctl.formats.urdf import load_urdf, urdf_text
+from cellctl.kinematics import Convention, Floats, TableConvention, abc_from_rotation
 
 ROBOT_FILES: dict[str, Convention] = {"mdh-hayati": "mdh-hayati", "dh-craig": "dh-craig", "poe": "poe"}
 JOINT_ZEROS = ("kuka", "abb", "fanuc")
@@ -68,7 +80,6 @@ class Exported:
 
 def model_source(model: ModelFile, file: str) -> Source:
     """A model; `file` names it in errors."""
-    from cellctl.formats.description import RobotDescription
 
     identified = RobotDescription.of(model.robot, model.robot_model().chain)
     return Source(file, identified, RobotDescription.of(model.robot), model)
@@ -76,10 +87,6 @@ def model_source(model: ModelFile, file: str) -> Source:
 
 def read_source(path: Path, tip: str | None, table: str | None, repeatability: float | None) -> Source:
     """The robot or model of a file, by its suffix. Raises InputError where it is none, or states its repeatability."""
-    from cellctl.formats import ModelFile, RobotFile
-    from cellctl.formats.description import RobotDescription
-    from cellctl.formats.dh_table import load_dh_table
-    from cellctl.formats.urdf import load_urdf
 
     model = None
     match path.suffix.lower():
@@ -133,7 +140,6 @@ def _of_nominal(fitted: FittedForm) -> str:
 
 def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
     """Titles of the effects, which no form has a place for, and which of them the distance from the model lacks."""
-    from cellctl.formats.exports import effects_left_out
 
     found = effects_left_out(model)
     uncounted = [title for title, counted in found.items() if not counted]
@@ -142,9 +148,6 @@ def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
 
 def _geometry(source: Source, form: str, options: ExportOptions) -> tuple[str | bytes, list[str], dict[str, Any]]:
     """Content, notes and figures of a form that holds the geometry of the links."""
-    from cellctl.formats.description import robot_text
-    from cellctl.formats.dh_table import dh_table_text
-    from cellctl.formats.urdf import urdf_text
 
     robot = source.robot
     if form in ROBOT_FILES:
@@ -160,7 +163,6 @@ def _geometry(source: Source, form: str, options: ExportOptions) -> tuple[str | 
 
 
 def _urdf_into(source: Source, into: Path, tip: str | None) -> tuple[bytes, list[str], dict[str, Any]]:
-    from cellctl.formats.exports import urdf_into
 
     content, lacking = urdf_into(into, source.nominal, source.robot, tip)
     notes = ["base and tool of the fit are not in the URDF: its own stay"]
@@ -168,7 +170,6 @@ def _urdf_into(source: Source, into: Path, tip: str | None) -> tuple[bytes, list
 
 
 def _ur_calibration(source: Source, options: ExportOptions) -> tuple[str, list[str], dict[str, Any]]:
-    from cellctl.formats.exports import hash_of, ur_calibration
 
     found = ur_calibration(source.nominal, source.robot, source.file, hash_of(options.into) if options.into else None)
     notes = [f"not in this form: the TCP in tool0 is {_words(found.tcp)}; the base is {_words(found.base)}"]
@@ -178,7 +179,6 @@ def _ur_calibration(source: Source, options: ExportOptions) -> tuple[str, list[s
 
 
 def _of_joint_zeros(source: Source, form: str, options: ExportOptions) -> Exported:
-    from cellctl.formats.exports import abb_text, fanuc_text, joint_zeros, kuka_text
 
     if source.model is None:
         what = f"is no model: it has no identified joint zeros for --to {form}"
@@ -205,7 +205,6 @@ def _figures(zeros: JointZeros) -> dict[str, Any]:
 
 
 def _words(frame: Floats) -> str:
-    from cellctl.kinematics import abc_from_rotation
 
     xyz = ", ".join(f"{value:.4f}" for value in frame[:3, 3].tolist())
     abc = ", ".join(f"{value:.5f}" for value in abc_from_rotation(frame[:3, :3]).tolist())

@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import final
 
 from cellctl.files import InputError, Problem
-
-if TYPE_CHECKING:
-    from cellctl.formats.measurements import Spacing
+from cellctl.formats.measurements import KINDS, OWN, ModelTerms, Spacing
 
 
 @final
@@ -91,19 +89,16 @@ class Asked:
 
     def model_problem(self) -> None:
         """Raise InputError if the model has no such name."""
-        from cellctl.formats.measurements import ModelTerms
 
         ModelTerms.parse(self.model)
 
     def _measure(self) -> list[Problem]:
-        from cellctl.formats.measurements import KINDS
 
         if self.measure is None or self.measure in KINDS:
             return []
         return [option("measure", f"'{self.measure}' is not known", ", ".join(KINDS))]
 
     def _own(self) -> list[Problem]:
-        from cellctl.formats.measurements import OWN
 
         if self.own == "none" or set(self.own.split(",")) <= set(OWN):
             return []
@@ -120,7 +115,6 @@ class Asked:
 
 def spacing_of(words: str) -> Spacing:
     """A known distance from its words. Raises InputError."""
-    from cellctl.formats.measurements import Spacing
 
     return Spacing.parse(words)
 

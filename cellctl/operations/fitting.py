@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
 
+import numpy as np
+
+from cellctl.calibration import FitResult, Split, fit
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import Document, InputError, Problem, load_yaml, sha256_of
 from cellctl.files.kinds import ROBOT
+from cellctl.formats import (
+    Artefact,
+    DataSet,
+    Measurements,
+    ModelFile,
+    RobotFile,
+    fit_report,
+    from_prior,
+    load_artefact,
+    measurements,
+    only,
+)
+from cellctl.formats.measurements import refuse_alike
 from cellctl.operations.fit_options import Asked, Judging, option
+from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
+from cellctl.report.fit import FitStory, fit_page
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
-    from cellctl.calibration import FitResult, Split
-    from cellctl.formats import Artefact, DataSet, Measurements, ModelFile, RobotFile
-
     Shown: TypeAlias = Callable[[str], AbstractContextManager[Progress]]
 
 
@@ -36,9 +50,6 @@ def split_of(measured: Measurements, judging: Judging) -> tuple[Split, list[str]
 
 
 def _split(measured: Measurements, judging: Judging) -> Split:
-    import numpy as np
-
-    from cellctl.calibration import Split
 
     rows, postures = len(measured.lines), measured.postures()
     if judging.by is not None:
@@ -78,7 +89,6 @@ def _labels(measured: Measurements, column: str) -> list[str]:
 
 def _enough(measured: Measurements, split: Split) -> Split:
     """`split`, unless a part of it has fewer different rows than registration alone has unknowns."""
-    import numpy as np
 
     least, seen = measured.task.rows_at_least, np.array(measured.sightings())
     parts = [split.fit, *(part for part, _ in split.judged)]
@@ -119,7 +129,6 @@ class FitInput:
     @classmethod
     def load(cls, robot: Path, data: Path, asked: Asked) -> Self:
         """Read the files of a fit. Raises InputError with all their errors; swapped files are recognised."""
-        from cellctl.formats import DataSet, ModelFile, load_artefact
 
         artefact, prior = asked.artefact, asked.prior
         try:
@@ -162,14 +171,12 @@ class Fitted:
 
     def model(self) -> ModelFile:
         """The model file."""
-        from cellctl.formats import ModelFile
 
         given = self.given
         return ModelFile.of(given.robot, self.measured, self.result, given.hashes, given.prior)
 
     def page(self, robot: str, data: str) -> str:
         """The report as an HTML page; `robot`, `data`: names of these files on it."""
-        from cellctl.report.fit import FitStory, fit_page
 
         sources = {"robot file": robot, "data set": f"{data}, SHA-256 {self.given.data.sha256[:12]}…"}
         return fit_page(FitStory.of(self.measured, self.result, self.split, self.report, sources))
@@ -181,10 +188,6 @@ def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | Non
     check: look for set-up errors first. shown: makes the progress report of `check` and of `fit`. The options are
     checked before (`Asked.refuse`). Raises InputError where data, options and files do not allow a fit.
     """
-    from cellctl.calibration import fit
-    from cellctl.formats import fit_report
-    from cellctl.formats.measurements import refuse_alike
-    from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
     measured = measured_rows(given, asked)
     refuse_alike(measured)
@@ -201,14 +204,12 @@ def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | Non
 
 def robot_of(path: Path) -> tuple[Document, RobotFile]:
     """The robot file, read once: it may change while the fit runs, or be a pipe."""
-    from cellctl.formats import RobotFile
 
     document = load_yaml(path, ROBOT)
     return document, RobotFile.from_document(document)
 
 
 def _silently(_: str) -> AbstractContextManager[Progress]:
-    from contextlib import nullcontext
 
     return nullcontext(silent)
 
@@ -224,7 +225,6 @@ def _is_robot(path: Path) -> bool:
 
 def measured_rows(given: FitInput, asked: Asked) -> Measurements:
     """The usable rows for the fit. Raises InputError where data and options do not allow one."""
-    from cellctl.formats import from_prior, measurements, only
 
     measured = measurements(
         given.robot,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
+import numpy as np
+
+from cellctl.calibration import Frame, Postures
 from cellctl.files import InputError, Problem
-
-if TYPE_CHECKING:
-    from cellctl.calibration import Frame, Postures
-    from cellctl.formats import DataSet, ModelFile
-    from cellctl.kinematics import Bools, Floats
-
+from cellctl.formats import DataSet, ModelFile
+from cellctl.formats.dataset import Sieve, joint_readings, text_of
+from cellctl.formats.measurements import Conditions
+from cellctl.kinematics import Bools, Floats, abc_from_rotation
 
 FRAMES: tuple[Frame, ...] = ("base", "points")
 
@@ -35,9 +36,6 @@ class Predicted:
 
     def records(self) -> list[dict[str, Any]]:
         """The rows of `cellctl predict`: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen."""
-        import numpy as np
-
-        from cellctl.kinematics import abc_from_rotation
 
         turns = abc_from_rotation(self.poses[:, :3, :3])
         values = np.column_stack([self.readings, self.poses[:, :3, 3], turns, self.sigma_mm])
@@ -51,7 +49,6 @@ class Predicted:
 
     def text(self) -> str:
         """The records as CSV."""
-        from cellctl.formats.dataset import text_of
 
         return text_of(self.records())
 
@@ -61,8 +58,6 @@ def predict_rows(model: ModelFile, data: DataSet, *, frame: str = "base") -> Pre
 
     Raises InputError with every row that cannot be used: leaving some out would shift the others' lines.
     """
-    from cellctl.formats.dataset import Sieve, joint_readings
-    from cellctl.formats.measurements import Conditions
 
     chosen = next((each for each in FRAMES if each == frame), None)
     if chosen is None:
@@ -89,7 +84,6 @@ def predict_rows(model: ModelFile, data: DataSet, *, frame: str = "base") -> Pre
 
 def _refuse_radians(model: ModelFile, data: DataSet, readings: Floats) -> None:
     """Raise InputError where all readings, deg, are outside the measured region, and all would be inside as radians."""
-    import numpy as np
 
     if data.has("A1") and not model.inside(readings).any() and model.inside(np.rad2deg(readings)).all():
         last = readings.shape[1]

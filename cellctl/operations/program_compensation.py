@@ -6,17 +6,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
+from cellctl.devices.cell import TABLE_CORRECTION_DEG
 from cellctl.files import InputError, Problem
+from cellctl.formats import ModelFile
+from cellctl.formats.table_making import mean_rms_max
 from cellctl.krl import KrlFile
-
-if TYPE_CHECKING:
-    from cellctl.formats import ModelFile
-    from cellctl.operations.compensated_program import CompensatedProgram
-    from cellctl.operations.compensating import CellRobot
-    from cellctl.operations.program_motions import Kind, Part, Program
-    from cellctl.operations.program_paths import Path as ProgramPath
+from cellctl.operations.compensated_program import CompensatedProgram
+from cellctl.operations.compensated_program import compensate_program as compensated
+from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
+from cellctl.operations.program_goals import ProgramRobots
+from cellctl.operations.program_motions import Kind, Part, Program
+from cellctl.operations.program_paths import Path as ProgramPath
+from cellctl.operations.program_paths import program_paths, program_text, with_points_between
 
 
 @final
@@ -114,7 +117,6 @@ class CompensatedFiles:
 
     def texts(self) -> dict[Part, bytes]:
         """The content of the changed files."""
-        from cellctl.operations.program_paths import program_text
 
         return program_text(self.program, self.paths)
 
@@ -146,11 +148,6 @@ def refuse_method(method: str) -> None:
 def _compensated(
     identified: ModelFile, name: str, files: ProgramFiles, method: str, options: ProgramOptions, place: CellRobot | None
 ) -> CompensatedProgram:
-    from cellctl.devices.cell import TABLE_CORRECTION_DEG
-    from cellctl.operations.compensated_program import compensate_program as compensated
-    from cellctl.operations.compensating import refuse_model, refuse_other_cell
-    from cellctl.operations.program_goals import ProgramRobots
-    from cellctl.operations.program_motions import Program
 
     tool, base = (_frame(name, getattr(options, name)) for name in ("tool", "base"))
     refuse_model(identified, str(files.src))
@@ -187,7 +184,6 @@ def _frame(name: str, text: str | None) -> tuple[float, ...] | None:
 
 
 def _paths(found: CompensatedProgram, insert: bool, tolerance: float, method: str) -> list[ProgramPath]:
-    from cellctl.operations.program_paths import program_paths, with_points_between
 
     paths = program_paths(found)
     return [with_points_between(found, path, tolerance, method) for path in paths] if insert else paths
@@ -205,7 +201,6 @@ def _figures(
     found: CompensatedProgram, paths: Sequence[ProgramPath], tolerance: float, method: str, files: list[Path]
 ) -> dict[str, Any]:
     """All that is known of the compensated program, as JSON."""
-    from cellctl.formats.table_making import mean_rms_max
 
     changed = list(found.changed.values())
     columns = ("correction_mm", "correction_deg", "before_mm", "after_mm")

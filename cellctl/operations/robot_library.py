@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, final
+from typing import Any, Literal, Self, TypeAlias, final
+
+import numpy as np
 
 from cellctl.files import InputError, Problem
-from cellctl.formats import RobotFile
+from cellctl.formats import Artefact, RobotFile, measurements
 from cellctl.formats.dataset import DataSet
-from cellctl.formats.robot import SecondSource, Source
+from cellctl.formats.robot import SecondSource, Source, Tool
 from cellctl.operations.understanding import joints_of
 from cellctl.robots import library, near
-
-if TYPE_CHECKING:
-    from cellctl.formats import Artefact
-    from cellctl.formats.robot import Tool
+from cellctl.setup_check.hypothesis import Setup
+from cellctl.setup_check.misfit import misfit
 
 COLUMNS = ("name", "robot", "joints", "reach, mm", "payload, kg", "checked")
 
@@ -78,7 +78,6 @@ def reach_mm(robot: RobotFile) -> float:
 
     Found by turning one joint after the other to its best angle on a grid that narrows, from several postures.
     """
-    import numpy as np
 
     chain, joints, limits = robot.chain().with_base(np.eye(4)), robot.joint_map(), robot.limits()
     reached = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (6, robot.n))
@@ -220,11 +219,6 @@ def _sample(data: DataSet) -> DataSet:
 
 def _tried(name: str, robot: RobotFile, sample: DataSet, artefact: Artefact | None) -> Suggestion | None:
     """None where no row can be of this robot."""
-    import numpy as np
-
-    from cellctl.formats import measurements
-    from cellctl.setup_check.hypothesis import Setup
-    from cellctl.setup_check.misfit import misfit
 
     try:
         rows = measurements(robot, sample, model="registration", artefact=artefact)

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import final
 
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import Document, InputError, Problem, load_yaml
-
-if TYPE_CHECKING:
-    from cellctl.formats import Artefact
-    from cellctl.formats.measurements import Measurements
-    from cellctl.setup_check import Change, ScaleError, SetupError, SpacingError, WideFit
+from cellctl.formats import Artefact, load_artefact
+from cellctl.formats.measurements import Measurements
+from cellctl.operations.robot_library import nearer_robots
+from cellctl.setup_check import (
+    OFF_MM,
+    Change,
+    ScaleError,
+    SetupError,
+    SpacingError,
+    WideFit,
+    check_setup,
+    find_spacing_errors,
+)
 
 
 @final
@@ -31,7 +39,6 @@ class SetupFiles:
 
     def points(self) -> Artefact | None:
         """The artefact; None where the file has none, as a cell file of a campaign without spheres."""
-        from cellctl.formats import load_artefact
 
         try:
             return load_artefact(self.artefact) if self.artefact else None
@@ -47,7 +54,6 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
     distances are checked; if none explains the misfit, robot file and data may not belong together, or the file may be
     that of another robot of the same family.
     """
-    from cellctl.setup_check import check_setup, find_spacing_errors
 
     found = check_setup(measured.task, measured.robot.joint_map(), measured.readings, progress)
     problems = [
@@ -66,7 +72,6 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
 
 def _another_robot(files: SetupFiles, measured: Measurements, fit: WideFit) -> list[Problem]:
     """The problem that the rows are of another robot than the file; none where they can be of this one."""
-    from cellctl.operations.robot_library import nearer_robots
 
     if not fit.unrelated and not fit.wrong_lengths:
         return []
@@ -79,7 +84,6 @@ def _another_robot(files: SetupFiles, measured: Measurements, fit: WideFit) -> l
 
 def _wrong_lengths(files: SetupFiles, fit: WideFit, library: str) -> Problem:
     """The problem that links have other lengths than the robot file, at the one that is furthest off."""
-    from cellctl.setup_check import OFF_MM
 
     lengths = ", ".join(f"{each.parameter.label} {each.deviation_mm:+.3g} mm" for each in fit.wrong_lengths)
     what = (
@@ -109,7 +113,6 @@ def _unrelated(files: SetupFiles, fit: WideFit, library: str) -> Problem:
 
 def _cure(contradicted: SpacingError | ScaleError, *, several: bool) -> str:
     """What to look at, and whether another of the named distances may be the wrong one."""
-    from cellctl.setup_check import ScaleError
 
     if isinstance(contradicted, ScaleError):
         return "mm? another unit, or an artefact of another size? correct them or leave them out"

@@ -10,7 +10,7 @@ import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, final
+from typing import Any, Literal, Self, TypeAlias, final
 
 from cellctl.devices import Identity, TableState, TableStore
 from cellctl.files import InputError, Problem
@@ -26,11 +26,8 @@ from cellctl.operations.table import (
     roll_back,
     state_of,
 )
-from cellctl.operations.table_diff import ComparedTable, table_difference
+from cellctl.operations.table_diff import ComparedTable, TableDifference, table_difference
 from cellctl.operations.table_history import TableHistory, difference_from_controller, short
-
-if TYPE_CHECKING:
-    from cellctl.operations.table_diff import TableDifference
 
 Action: TypeAlias = Literal["push", "verify", "rollback"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -11,9 +11,7 @@ from cellctl.devices import ControllerTable
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import JOINT_DECIMALS
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats, pose_from_xyz_abc
 
 _SAME = 1e-6
 """Largest difference of equal targets (mm, deg) or nominal joints (deg)."""
@@ -218,7 +216,6 @@ def _tcp_distances(a: ComparedTable, b: ComparedTable, rows_a: Any, rows_b: Any,
 
 
 def _tcps(table: ComparedTable, readings: Floats, robot: RobotFile) -> Floats:
-    from cellctl.kinematics import pose_from_xyz_abc
 
     tool = table.file.tool if table.file else robot.tool
     chain = robot.chain().with_tool(pose_from_xyz_abc(tool.xyz, tool.abc))

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import InputError, Problem
-from cellctl.formats.dataset import DataSet, Sieve
+from cellctl.formats import RobotFile, load_artefact
+from cellctl.formats.dataset import DataSet, Sieve, text_of
 from cellctl.formats.measurements.kinds import KINDS, NOUNS, PLACE, Kind, has_own_sigma, kinds_of
 from cellctl.formats.measurements.repeats import POINT_COLUMNS
-
-if TYPE_CHECKING:
-    from cellctl.operations.fit_options import Asked
-    from cellctl.pendant_import import Choices
+from cellctl.operations.fit_options import Asked
+from cellctl.pendant_import import Choices, imported
 
 MOST_JOINTS = 20
 _CONDITIONS = {"temperature": "temperature", "payload": "payload", "I1": "motor currents"}
@@ -84,7 +83,6 @@ class Understood:
 
     def to_json(self) -> dict[str, Any]:
         """All of it as JSON; `facts`: the words."""
-        from dataclasses import asdict
 
         return {**asdict(self), "facts": [list(pair) for pair in self.words()]}
 
@@ -106,9 +104,6 @@ def read_data(file: Path, positions: Path | None, choices: Choices, robot: Path 
     """
     if positions is None and _is_data_set(file):
         return DataFile(DataSet.load(file))
-    from cellctl.formats import RobotFile
-    from cellctl.formats.dataset import text_of
-    from cellctl.pendant_import import imported
 
     found = imported(file, positions, choices, RobotFile.load(robot) if robot else None)
     left = tuple({"file": row.file, "line": row.line, "reason": row.reason} for row in found.left_out)
@@ -125,7 +120,6 @@ def understand(given: DataFile, robot: Path | None, asked: Asked, progress: Prog
     plain = _plain(given)
     if robot is None or plain.problems:
         return plain
-    from cellctl.formats import load_artefact
     from cellctl.operations.fitting import FitInput, robot_of
 
     document, robot_file = robot_of(robot)

@@ -9,14 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from cellctl.files import InputError, Problem
+from cellctl.formats.robot import RobotFile
 from cellctl.pendant_import.choices import Choices
 from cellctl.pendant_import.points import Point, RawList, Taught, unified
-
-if TYPE_CHECKING:
-    from cellctl.formats.robot import RobotFile
 
 _LS = re.compile(r"^\s*/(?:PROG|POS)\b", re.MULTILINE)
 _SECTION = re.compile(r"^\s*/POS\b(?P<body>.*?)(?:^\s*/END\b|\Z)", re.MULTILINE | re.DOTALL)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 from cellctl.files import InputError, Problem
+from cellctl.formats.robot import RobotFile
 from cellctl.pendant_import.choices import Choices
 from cellctl.pendant_import.instrument import of_group, with_times
 from cellctl.pendant_import.joint_list import joint_points, joint_texts
@@ -23,9 +24,6 @@ from cellctl.pendant_import.positions import (
     position_texts,
 )
 from cellctl.pendant_import.programs import Targets, program_targets
-
-if TYPE_CHECKING:
-    from cellctl.formats.robot import RobotFile
 
 
 @final

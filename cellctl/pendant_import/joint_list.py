@@ -6,18 +6,15 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import BEYOND_LIMITS_DEG
+from cellctl.formats.robot import RobotFile
 from cellctl.pendant_import.choices import AngleUnit, Choices
 from cellctl.pendant_import.fanuc import between_the_arms
 from cellctl.pendant_import.points import Point, PointList, RawList, Value, read_values
 from cellctl.pendant_import.programs import program_postures
 from cellctl.pendant_import.typed_table import Cells, cells_of, headed, lacking, optional_columns, raw_points, unheaded
-
-if TYPE_CHECKING:
-    from cellctl.formats.robot import RobotFile
 
 _JOINT = re.compile(r"[AJq]([1-9]\d?)")
 _EXTERNAL = re.compile(r"E\d")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from cellctl.krl import (
     CARTESIAN,
@@ -20,9 +20,6 @@ from cellctl.krl import (
     statements,
 )
 from cellctl.pendant_import.points import Raw, RawList, Taught, lines_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _KRL = re.compile(r"\{[^{}\n]*\b[AE]\d\s|\bE6AXIS\b|\bE6POS\b|\bDEFDAT\b", re.IGNORECASE)
 _NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"

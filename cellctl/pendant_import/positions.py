@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
+from cellctl.kinematics import abc_from_rotation
 from cellctl.pendant_import.choices import Choices, Orientation
 from cellctl.pendant_import.instrument import SIGMAS, UNCERTAINTIES, described, of_group, with_sigmas, with_times
 from cellctl.pendant_import.points import Point, PointList, RawList, Value, in_mm, read_values
@@ -63,8 +64,6 @@ def _abc(kind: Orientation, radians: list[float]) -> list[float]:
     if kind in ("abc", "fixed-xyz"):
         return [round(math.degrees(angle), _DIGITS) for angle in (radians if kind == "abc" else reversed(radians))]
     from scipy.spatial.transform import Rotation
-
-    from cellctl.kinematics import abc_from_rotation
 
     turn = Rotation.from_rotvec(radians) if kind == "rotation-vector" else Rotation.from_euler("XYZ", radians)
     return [round(float(angle), _DIGITS) + 0.0 for angle in abc_from_rotation(turn.as_matrix())]

@@ -7,6 +7,7 @@ m and an axis-angle vector in rad.
 from __future__ import annotations
 
 import re
+from math import radians
 
 from cellctl.pendant_import.points import Taught, unified
 
@@ -60,6 +61,5 @@ def _radians(item: str) -> str:
     degrees = re.fullmatch(r"\s*d2r\(\s*(\S+?)\s*\)\s*", item)
     if degrees is None:
         return item.strip()
-    from math import radians
 
     return repr(radians(float(degrees[1])))

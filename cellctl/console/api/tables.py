@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 
 from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused
 from cellctl.console.api.runs import JobOut
-from cellctl.console.commands import start_action, start_look
+from cellctl.console.commands import request_for, start_action, start_look
 from cellctl.console.shared import console
 from cellctl.operations.table_actions import TableRequest, known_table
 from cellctl.operations.table_diff import ComparedTable, table_difference
@@ -78,6 +78,5 @@ async def act(operator: Commander, asked: TableConfirmed) -> JobOut:
 
 
 def _request(asked: TableAsked, **more: str) -> TableRequest:
-    from cellctl.console.commands import request_for
 
     return request_for(asked.action, asked.cell, asked.table, asked.state, **more)

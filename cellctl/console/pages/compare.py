@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 from urllib.parse import urlencode
 
 from nicegui import ui
@@ -15,14 +15,18 @@ from cellctl.console.look import COLOURS, command_button, figures, numbers, prob
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.journal import JournalError
+from cellctl.operations.comparing_models import ModelDifference, ParameterChange
+from cellctl.operations.comparing_runs import (
+    ParameterDrift,
+    ParameterSeries,
+    RunComparison,
+    compare_runs,
+    parameter_drift,
+)
 from cellctl.operations.failure import Failure
 from cellctl.operations.run_folder import run_named
 from cellctl.operations.run_list import RunRow, robot_serial
 from cellctl.report.figures import fixed, with_sigma
-
-if TYPE_CHECKING:
-    from cellctl.operations.comparing_models import ModelDifference, ParameterChange
-    from cellctl.operations.comparing_runs import ParameterDrift, ParameterSeries, RunComparison
 
 _MOST_CHARTS = 12
 
@@ -57,7 +61,6 @@ def _choice(names: list[str], a: str, b: str) -> None:
 
 
 async def _comparison(a: str, b: str) -> None:
-    from cellctl.operations.comparing_runs import compare_runs
 
     try:
         first, second = (run_named(console().runs, name) for name in (a, b))
@@ -158,7 +161,6 @@ class _DriftView:
 
     async def show(self, serial: str) -> None:
         """Show the robot `serial`."""
-        from cellctl.operations.comparing_runs import parameter_drift
 
         found = await asyncio.to_thread(parameter_drift, console().runs, self._rows, serial)
         assert self.area is not None

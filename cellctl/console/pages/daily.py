@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 from urllib.parse import quote
 
 from nicegui import ui
@@ -13,10 +13,8 @@ from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
 from cellctl.console.frame import follow, frame
 from cellctl.console.look import Cell, facts, figures, look_of_verdict, numbers, section, shown_time, state_word, words
 from cellctl.console.shared import console
+from cellctl.operations.daily_history import SECTION, DailyCheck, DailyHistories, DailyHistory, daily_histories
 from cellctl.report.figures import fixed
-
-if TYPE_CHECKING:
-    from cellctl.operations.daily_history import DailyCheck, DailyHistories, DailyHistory
 
 _NONE = "No daily check has finished in this folder of runs. `cellctl run daily_check` makes one."
 
@@ -41,7 +39,6 @@ class _Daily:
 
     async def read(self) -> None:
         """Read the histories in a thread, if a daily check has begun, ended or gone."""
-        from cellctl.operations.daily_history import SECTION, daily_histories
 
         now = [(row.run, row.state) for row in console().live.rows if SECTION in row.summary]
         if now == self._seen:

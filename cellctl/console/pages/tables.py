@@ -30,7 +30,8 @@ from cellctl.files import InputError, Problem
 from cellctl.operations.run_folder import SIMULATOR_MEMORY
 from cellctl.operations.run_list import RunRow, robot_serial
 from cellctl.operations.shipped import shipped_names
-from cellctl.operations.table_actions import Action, TableRequest, refuse_confirmation
+from cellctl.operations.table_actions import Action, TableRequest, known_table, refuse_confirmation
+from cellctl.operations.table_diff import ComparedTable, table_difference
 from cellctl.operations.table_history import short, table_overview
 from cellctl.report.figures import fixed
 
@@ -414,8 +415,6 @@ class _Difference:
 
     async def show(self, _: object = None) -> None:
         """Show the difference of the chosen tables."""
-        from cellctl.operations.table_actions import known_table
-        from cellctl.operations.table_diff import ComparedTable, table_difference
 
         def found() -> dict[str, Any]:
             pair = [ComparedTable.of_file(short(each), known_table(console().runs, each)) for each in (a, b)]

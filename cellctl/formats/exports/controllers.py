@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import final
 
+import numpy as np
+
+from cellctl.compensation import zeros_of
 from cellctl.formats.dataset import text_of
-from cellctl.formats.exports.fitted_forms import fitted_zeros
-
-if TYPE_CHECKING:
-    from cellctl.formats.exports.fitted_forms import Cost, FittedForm
-    from cellctl.formats.model import ModelFile
-    from cellctl.kinematics import Floats
+from cellctl.formats.exports.fitted_forms import Cost, FittedForm, fitted_zeros
+from cellctl.formats.model import ModelFile
+from cellctl.kinematics import Floats, abc_from_rotation, inverse_pose
+from cellctl.krl.writing import aggregate_text
 
 
 @final
@@ -52,9 +53,6 @@ def joint_zeros(model: ModelFile) -> JointZeros:
     A joint's zero is found with all else that the controller cannot take (lengths, angles of axes, effects) held at the
     robot file's values; so it is not the parameter of the model, but the offset that leaves the smallest error.
     """
-    import numpy as np
-
-    from cellctl.compensation import zeros_of
 
     form = fitted_zeros(model)
     return JointZeros(model.robot.joint_map().sign * np.rad2deg(zeros_of(form.chain)) + 0.0, form)
@@ -68,7 +66,6 @@ def kuka_text(name: str, zeros: JointZeros, tool: int, base: int) -> str:
 
     BASE_DATA is the measuring frame in the robot's root frame: it holds where `$ROBROOT` is zero.
     """
-    from cellctl.kinematics import inverse_pose
 
     last = len(zeros.offsets)
     held = {1: f"held by BASE_DATA[{base}]", last: f"held by TOOL_DATA[{tool}]"}
@@ -128,8 +125,6 @@ def _rounded(zeros: JointZeros) -> list[float]:
 
 
 def _krl_frame(matrix: Floats) -> str:
-    from cellctl.kinematics import abc_from_rotation
-    from cellctl.krl.writing import aggregate_text
 
     values = [*matrix[:3, 3].tolist(), *abc_from_rotation(matrix[:3, :3]).tolist()]
     return aggregate_text(dict(zip("XYZABC", values, strict=True)))

@@ -6,13 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
 
+import numpy as np
+
+from cellctl.calibration import Postures, RobotModel
+from cellctl.compensation import with_frames, with_geometry, with_zeros_and_frames
+from cellctl.formats.model import ModelFile
 from cellctl.formats.table_making import measured_postures, nominal_chain
+from cellctl.kinematics import Floats, SerialChain
 
 if TYPE_CHECKING:
-    from cellctl.calibration import Postures, RobotModel
-    from cellctl.formats.model import ModelFile
-    from cellctl.kinematics import Floats, SerialChain
-
     Nearest: TypeAlias = Callable[[SerialChain, RobotModel, Postures], SerialChain]
 
 
@@ -28,7 +30,6 @@ class Cost:
     @classmethod
     def of(cls, chain: SerialChain, q: Floats, goal: Floats) -> Self:
         """Of a chain's TCP at model angles q (N, n), rad, from that of poses `goal` (N, 4, 4), mm."""
-        import numpy as np
 
         distances = np.linalg.norm((chain.forward(q) - goal)[:, :3, 3], axis=1)
         return cls(float(np.sqrt(np.mean(distances**2))), float(distances.max()), len(distances))
@@ -48,7 +49,6 @@ def effects_left_out(model: ModelFile) -> dict[str, bool]:
 
     The value is whether a `Cost` counts it: not where it needs a temperature or currents.
     """
-    import numpy as np
 
     identified, at = model.robot_model(), measured_postures(model)
     chain, deviations = len(identified.chain.parameters), identified.deviations
@@ -108,20 +108,17 @@ class FittedForm:
 
 def fitted_geometry(model: ModelFile) -> FittedForm:
     """Links, base and tool (`cellctl.compensation.with_geometry`)."""
-    from cellctl.compensation import with_geometry
 
     return _fitted(model, with_geometry)
 
 
 def fitted_zeros(model: ModelFile) -> FittedForm:
     """Joint zeros, base and tool (`cellctl.compensation.with_zeros_and_frames`)."""
-    from cellctl.compensation import with_zeros_and_frames
 
     return _fitted(model, with_zeros_and_frames)
 
 
 def _fitted(model: ModelFile, nearest: Nearest) -> FittedForm:
-    from cellctl.compensation import with_frames
 
     controller, identified, at = nominal_chain(model), model.robot_model(), measured_postures(model)
     goal = identified.pose(at)
@@ -132,7 +129,6 @@ def _fitted(model: ModelFile, nearest: Nearest) -> FittedForm:
 
 def _held_out(controller: SerialChain, identified: RobotModel, at: Postures, nearest: Nearest) -> float:
     """RMS distance, mm, at each fifth of the postures of the chain nearest at the others."""
-    import numpy as np
 
     goal, fold, distances = identified.tcp(at), np.arange(len(at)) % FOLDS, np.empty(len(at))
     for part in range(FOLDS):

@@ -19,14 +19,14 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import final
+
+import numpy as np
 
 from cellctl.files import InputError, Problem, load_yaml
 from cellctl.formats.description import RobotDescription
 from cellctl.formats.urdf import UrdfChain, UrdfJoint, load_chain, origin_words
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats, LinkTable, inverse_pose, pose, pose_from_xyz_abc, rotation_vector, to_mdh
 
 
 @final
@@ -45,7 +45,6 @@ class ReadingAxes:
 
 def reading_axes(robot: RobotDescription) -> ReadingAxes:
     """The axes of a robot without deviations (`RobotDescription.of`)."""
-    import numpy as np
 
     joints = robot.joint_map()
     frames = robot.chain.with_base(np.eye(4)).frames(joints.model(np.zeros(joints.n)))
@@ -58,9 +57,6 @@ def nearest_on_axis(frame: Floats, point: Floats, along: Floats, axis: Floats) -
     Its origin is on the line, and its direction `axis` (in its own frame, unit vector) is `along`: the least turn and
     the least shift that do so. Raises ValueError where `axis` points against `along`.
     """
-    import numpy as np
-
-    from cellctl.kinematics import pose
 
     before = frame[:3, :3] @ axis
     cosine = float(before @ along)
@@ -75,9 +71,6 @@ def nearest_on_axis(frame: Floats, point: Floats, along: Floats, axis: Floats) -
 
 def turned_by(frame: Floats, other: Floats) -> float:
     """Angle between two poses (4, 4), rad."""
-    import numpy as np
-
-    from cellctl.kinematics import rotation_vector
 
     return float(np.linalg.norm(rotation_vector(frame[:3, :3].T @ other[:3, :3])))
 
@@ -97,9 +90,6 @@ def urdf_into(
     nominal robot's flange and the URDF give it relative to the flange. Raises InputError, naming each joint, where the
     URDF is another robot, or counts its joints otherwise.
     """
-    import numpy as np
-
-    from cellctl.kinematics import inverse_pose
 
     chain = load_chain(path, tip)
     links = _link_frames(chain.joints)
@@ -121,16 +111,12 @@ def urdf_into(
 
 def _link_frames(joints: Iterable[UrdfJoint]) -> list[Floats]:
     """Pose of each joint's child link (4, 4) in the root link at positions 0, mm."""
-    import numpy as np
 
     return list(itertools.accumulate((joint.origin for joint in joints), np.matmul))
 
 
 def _origins(joints: tuple[UrdfJoint, ...], wished: list[Floats], goal: ReadingAxes) -> tuple[list[Floats], Floats]:
     """Each joint's new origin (4, 4), and the pose of the last turning link's wished frame in its frame."""
-    import numpy as np
-
-    from cellctl.kinematics import inverse_pose
 
     here, rest, origins, turned = np.eye(4), np.eye(4), [], 0
     for joint, frame in zip(joints, wished, strict=True):
@@ -145,9 +131,6 @@ def _origins(joints: tuple[UrdfJoint, ...], wished: list[Floats], goal: ReadingA
 
 def _root_of_base(file: str, chain: UrdfChain, links: list[Floats], usual: ReadingAxes) -> Floats:
     """Pose of the nominal robot's base (4, 4) in the URDF's root link, at which their axes coincide."""
-    import numpy as np
-
-    from cellctl.kinematics import pose
 
     pairs = zip(chain.joints, links, strict=True)
     placed = [(joint, frame[:3, 3], frame[:3, :3] @ joint.axis) for joint, frame in pairs if joint.axis is not None]
@@ -187,7 +170,6 @@ def _moved(axes: ReadingAxes, root: Floats) -> ReadingAxes:
 
 
 def _lacking(link: str, rest: Floats) -> str | None:
-    import numpy as np
 
     shift, turn = float(np.linalg.norm(rest[:3, 3])), float(np.degrees(turned_by(np.eye(4), rest)))
     if shift < 1e-9 and turn < 1e-9:
@@ -207,7 +189,6 @@ def _edited(path: Path, chain: UrdfChain, origins: list[Floats]) -> bytes:
 
 def _same(before: Floats, after: Floats) -> bool:
     """Equal up to rounding: 1e-9 mm, and 1e-12 of a rotation matrix."""
-    import numpy as np
 
     return bool(np.abs(after - before)[:3, 3].max() < 1e-9 and np.abs(after - before)[:3, :3].max() < 1e-12)
 
@@ -249,9 +230,6 @@ def ur_calibration(nominal: RobotDescription, found: RobotDescription, file: str
     is the one on its axis that is nearest to the nominal one, so that no number grows where axes are almost parallel.
     Raises InputError where `nominal` (of `file`) is not built as a UR, or is given in another base frame.
     """
-    import numpy as np
-
-    from cellctl.kinematics import inverse_pose
 
     usual = [*_nominal_frames(nominal, file)[:-1], reading_axes(found).flange]
     axes, z = reading_axes(found), np.array([0.0, 0.0, 1.0])
@@ -282,9 +260,6 @@ def hash_of(path: Path) -> str:
 
 def _nominal_frames(nominal: RobotDescription, file: str) -> list[Floats]:
     """The maker's frames (4, 4) at readings 0, in the controller's base frame, if the robot is built as a UR."""
-    import numpy as np
-
-    from cellctl.kinematics import LinkTable, inverse_pose, pose, pose_from_xyz_abc, to_mdh
 
     joints = nominal.joint_map()
     if joints.n != len(LINKS) or (joints.sign != 1.0).any():

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING, final
+from typing import final
 
+import numpy as np
+
+from cellctl.calibration import Postures
 from cellctl.formats.dataset import Sieve
 from cellctl.formats.robot import RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.calibration import Postures
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 REFERENCE_C = 20.0
 """Temperature at which lengths hold (ISO 1)."""
@@ -42,7 +42,6 @@ class Conditions:
 
     def at(self, rows: Collection[int]) -> Postures:
         """Postures of the robot at `rows`, with their conditions."""
-        from cellctl.calibration import Postures
 
         chosen = list(rows)
         parts = (self.approach, self.delta_t, self.payload, self.payload_at, self.currents)
@@ -50,7 +49,6 @@ class Conditions:
 
 
 def _warmer(sieve: Sieve) -> Floats | None:
-    import numpy as np
 
     if not any(sieve.data.texts("temperature")):
         return None
@@ -64,7 +62,6 @@ def _warmer(sieve: Sieve) -> Floats | None:
 
 
 def _payload(sieve: Sieve) -> Floats | None:
-    import numpy as np
 
     if not any(sieve.data.texts("payload")):
         return None
@@ -77,7 +74,6 @@ def _payload(sieve: Sieve) -> Floats | None:
 
 def _payload_at(sieve: Sieve, payload: Floats) -> Floats | None:
     """`payload_x`, `payload_y`, `payload_z`; without a payload, where the others' is on average."""
-    import numpy as np
 
     if not any(any(sieve.data.texts(name)) for name in PAYLOAD_AT):
         return None
@@ -91,7 +87,6 @@ def _payload_at(sieve: Sieve, payload: Floats) -> Floats | None:
 
 def _approach(sieve: Sieve, robot: RobotFile) -> Floats | None:
     """`D1…Dn`, as the controller counts, in the model's sense: None where no column is filled."""
-    import numpy as np
 
     names = [f"D{number}" for number in range(1, robot.n + 1)]
     if not any(any(sieve.data.texts(name)) for name in names):
@@ -106,7 +101,6 @@ def _approach(sieve: Sieve, robot: RobotFile) -> Floats | None:
 
 def _currents(sieve: Sieve, robot: RobotFile) -> Floats | None:
     """`I1…In`, as the controller counts, in the model's sense; NaN where one is missing. None: no column is filled."""
-    import numpy as np
 
     names = [f"I{number}" for number in range(1, robot.n + 1)]
     if not any(any(sieve.data.texts(name)) for name in names):

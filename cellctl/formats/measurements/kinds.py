@@ -5,15 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.dataset import DataSet, Sieve
 from cellctl.formats.robot import RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 Kind: TypeAlias = Literal["sphere", "plane", "socket", "distance", "pose", "position"]
 """What a row measures; distance: from an unknown fixed point (ball-bar, draw-wire)."""
@@ -131,7 +131,6 @@ def has_own_sigma(data: DataSet) -> bool:
 
 def place_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
     """σ of each coordinate (N, 3), mm: sX, sY, sZ, or the robot's repeatability on one axis."""
-    import numpy as np
 
     default = robot.repeatability / math.sqrt(3.0)
     return np.array([_positive(sieve, name, rows, default) for name in SIGMAS]).T
@@ -139,7 +138,6 @@ def place_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats
 
 def distance_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
     """σ along the line measured (N, 1), mm: sD, or that of the place on one axis."""
-    import numpy as np
 
     of_place = np.sqrt(np.mean(place_sigma(sieve, robot, rows) ** 2, axis=1))
     own = np.array(_positive(sieve, OF_DISTANCE, rows, math.inf))
@@ -148,7 +146,6 @@ def distance_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Flo
 
 def rotation_sigma(sieve: Sieve, rows: Collection[int]) -> Floats:
     """σ about each axis (N, 3), rad: sRX, sRY, sRZ, or sR (deg)."""
-    import numpy as np
 
     common = np.array(_positive(sieve, OF_ROTATION, rows, ROTATION_SIGMA_DEG))
     own = np.array([_positive(sieve, name, rows, math.inf) for name in ROTATION_SIGMAS]).T
@@ -174,7 +171,6 @@ def covariances(sieve: Sieve, sigma: Floats, rows: Collection[int]) -> Floats | 
     k = 3: cXY, cXZ, cYZ; k = 6: also those of turns about X, Y, Z. Missing: 0. A row whose covariance is not positive
     definite is rejected.
     """
-    import numpy as np
 
     size = sigma.shape[1]
     stated = [name for name in COVARIANCES if any(sieve.data.texts(name))]

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias, final
+from typing import Any, TypeAlias, final
 
+import numpy as np
+
+from cellctl.calibration import Measured, MotorTorsion, Postures, RobotModel, Session, Task, Tolerances
 from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.dataset import DataSet, Rejected, Sieve, joint_readings
@@ -42,10 +45,7 @@ from cellctl.formats.measurements.sessions import (
     spacing_rows,
 )
 from cellctl.formats.robot import RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.calibration import Measured, Postures, RobotModel, Session, Task, Tolerances
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 _Reading: TypeAlias = Positions | Poses | Reaches | Planes | Sockets
 
@@ -88,7 +88,6 @@ class Measurements:
         """A number for each row's measurement (N,): the same for repeats of one kind, session, point, zero and
         posture.
         """
-        import numpy as np
 
         blocks = self.task.rows.blocks
         number = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
@@ -174,9 +173,6 @@ def _refuse_two_centres(data: DataSet, at: Postures, order: Sequence[int]) -> No
 
 def _refuse_missing_currents(data: DataSet, terms: ModelTerms, at: Postures, order: Sequence[int]) -> None:
     """A model with motor currents needs them in every row, those that judge it included."""
-    import numpy as np
-
-    from cellctl.calibration import MotorTorsion
 
     motor = MotorTorsion.group
     if motor not in terms.terms or at.currents is None:
@@ -191,7 +187,6 @@ def _refuse_missing_currents(data: DataSet, terms: ModelTerms, at: Postures, ord
 
 def tolerances_of(robot: RobotFile) -> Tolerances:
     """The tolerances stated in the robot file; the estimator's defaults for the rest."""
-    from cellctl.calibration import Tolerances
 
     said = robot.tolerances.model_dump(exclude_none=True) if robot.tolerances else {}
     return Tolerances(**said)
@@ -262,7 +257,6 @@ class _Rows:
         return part.zeros[row] if isinstance(part, Reaches | Positions | Poses) else ""
 
     def _block(self, kind: Kind, rows: list[int], session: int, points: Points, datums: tuple[str, ...]) -> Measured:
-        import numpy as np
 
         part, at = self.parts[kind], self.conditions.at(rows)
         if isinstance(part, Positions | Poses):
@@ -288,7 +282,6 @@ def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artef
 
 
 def _task(model: RobotModel, terms: ModelTerms, blocks: list[Measured], given: dict[str, Any]) -> Task:
-    from cellctl.calibration import Task
 
     return Task(model, blocks, groups=terms.groups(), **given)  # type: ignore[arg-type]  # a task makes row blocks
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self, TypeAlias, final
+from typing import Self, TypeAlias, final
 
+import numpy as np
+
+from cellctl.calibration import Effect, EffectInputs, Postures, RobotModel, kinds
 from cellctl.files import InputError, Problem
 from cellctl.formats.robot import RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.calibration import Effect, EffectInputs, Postures, RobotModel
 
 ModelChoice: TypeAlias = str
 """`auto`, `registration`, or terms joined by `+`: geometry (or zeros: joint zeros alone) and effects, in any order."""
@@ -66,7 +66,6 @@ class ModelTerms:
 
     def candidates(self, robot: RobotFile, at: Postures) -> tuple[Effect, ...] | None:
         """For auto the effects that these rows can support, in the order to be tried; None where the model is fixed."""
-        from cellctl.calibration import kinds
 
         if not self.auto:
             return None
@@ -77,7 +76,6 @@ class ModelTerms:
 
 def inputs_of(robot: RobotFile, at: Postures) -> EffectInputs:
     """Inputs of the effects: the robot file's robot, and its rows' conditions."""
-    from cellctl.calibration import EffectInputs
 
     return EffectInputs(robot.chain(), at, robot.tool.mass, robot.down())
 
@@ -86,9 +84,6 @@ def nominal_model(robot: RobotFile, *, touched: bool = False) -> RobotModel:
     """The robot as in its file; `touched`: with the effects of every touching tool, as far as the file supports
     them.
     """
-    import numpy as np
-
-    from cellctl.calibration import Postures, RobotModel, kinds
 
     if not touched:
         return RobotModel(robot.chain())
@@ -99,7 +94,6 @@ def nominal_model(robot: RobotFile, *, touched: bool = False) -> RobotModel:
 
 def _effects() -> dict[str, type[Effect]]:
     """The effects that a user may name, by name."""
-    from cellctl.calibration import kinds
 
     return {group: kind for group, kind in kinds().items() if kind.chosen in ("named", "tried")}
 

@@ -7,14 +7,16 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import Sieve
 from cellctl.formats.measurements.conditions import PAYLOAD_AT
 from cellctl.formats.measurements.kinds import ABC, OF_DISTANCE, OF_ROTATION, PLACE, QUATERNION, SIGMAS, Kind
+from cellctl.kinematics import Floats
 
 if TYPE_CHECKING:
     from cellctl.formats.measurements.measured import Measurements
-    from cellctl.kinematics import Floats
 
 POINT_COLUMNS: dict[Kind, str] = {"sphere": "sphere", "plane": "plane", "socket": "socket", "distance": "anchor"}
 """The column that names a row's point, for each kind that has one."""
@@ -86,7 +88,6 @@ def _numbers(kind: Kind) -> int:
 
 def _cells(sieve: Sieve, readings: Floats) -> Floats:
     """The rows' readings and all other cells in use (N, K) as numbers: 2.50 is 2.5, a name is a number for each."""
-    import numpy as np
 
     data = sieve.data
     numbers = [*_NUMBERS, *(f"D{number + 1}" for number in range(readings.shape[1]))]
@@ -128,7 +129,6 @@ def refuse_alike(measured: Measurements) -> None:
 
 def _refuse_one_place(measured: Measurements) -> None:
     """Refuse an instrument's rows with one TCP place at all joints: they cannot register the robot."""
-    import numpy as np
 
     task = measured.task
     if "base" not in task.registered:

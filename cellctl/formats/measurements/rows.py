@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import Any, Self, final
 
+import numpy as np
+
+from cellctl.calibration import PlaneRows, PoseRows, PositionRows, Postures, SocketRows, TouchRows
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.dataset import Sieve
 from cellctl.formats.measurements.kinds import (
@@ -18,10 +21,7 @@ from cellctl.formats.measurements.kinds import (
     rotation_sigma,
 )
 from cellctl.formats.robot import RobotFile
-
-if TYPE_CHECKING:
-    from cellctl.calibration import PlaneRows, PoseRows, PositionRows, Postures, SocketRows, TouchRows
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats, pose, rotation_from_abc, rotation_from_quaternion
 
 
 @final
@@ -37,7 +37,6 @@ class Positions:
     @classmethod
     def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
         """The positions at `rows`."""
-        import numpy as np
 
         xyz = np.array([sieve.numbers(name, rows=rows) for name in PLACE]).T
         sigma = place_sigma(sieve, robot, rows)
@@ -45,7 +44,6 @@ class Positions:
 
     def block(self, rows: list[int], at: Postures, session: int, datums: Sequence[str] = ()) -> PositionRows:
         """Those at `rows`, for the estimator, which counts the zeros by `datums`."""
-        from cellctl.calibration import PositionRows
 
         block = PositionRows(at, self.xyz[rows], self.sigma[rows], session)
         if self.covariance is not None:
@@ -70,7 +68,6 @@ class Poses:
     @classmethod
     def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
         """The poses at `rows`."""
-        import numpy as np
 
         xyz = np.array([sieve.numbers(name, rows=rows) for name in PLACE]).T
         quaternions = any(any(sieve.data.texts(name)) for name in QUATERNION)
@@ -83,8 +80,6 @@ class Poses:
 
     def block(self, rows: list[int], at: Postures, session: int, datums: Sequence[str] = ()) -> PoseRows:
         """Those at `rows`, for the estimator, which counts the zeros by `datums`."""
-        from cellctl.calibration import PoseRows
-        from cellctl.kinematics import pose, rotation_from_abc, rotation_from_quaternion
 
         rotation = rotation_from_quaternion if self.turns.shape[1] == len(QUATERNION) else rotation_from_abc
         poses = pose(rotation(self.turns[rows]), self.xyz[rows])
@@ -96,7 +91,6 @@ class Poses:
 
 def _datum(zeros: Sequence[str], rows: list[int], datums: Sequence[str]) -> Any:
     """Number of each row's zero (N,) among `datums`, −1 for none; None where no row has one."""
-    import numpy as np
 
     numbers = {name: number for number, name in enumerate(datums)}
     found = np.array([numbers.get(zeros[row], -1) for row in rows])
@@ -122,7 +116,6 @@ class Reaches:
     @classmethod
     def of_touches(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
         """Touches at `rows`: sphere radius plus tip radius."""
-        import numpy as np
 
         names = sieve.data.texts("sphere")
         reach = np.array(_touched(sieve, artefact, names, rows))
@@ -131,7 +124,6 @@ class Reaches:
     @classmethod
     def of_distances(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
         """Distances at `rows`, as shown by a ball-bar or a draw-wire."""
-        import numpy as np
 
         names, reach = sieve.data.texts("anchor"), sieve.numbers("distance", rows=rows)
         zeros = sieve.data.texts("zero")
@@ -144,9 +136,6 @@ class Reaches:
 
     def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str] = ()) -> TouchRows:
         """Those at `rows`, at the points of numbers `points`, for the estimator, which counts the zeros by `datums`."""
-        import numpy as np
-
-        from cellctl.calibration import TouchRows
 
         numbers = {name: number for number, name in enumerate(datums)}
         datum = np.array([numbers.get(self.zeros[row], -1) for row in rows])
@@ -172,7 +161,6 @@ class Sockets:
 
     def block(self, rows: list[int], at: Postures, session: int, points: Any) -> SocketRows:
         """Those at `rows`, in the sockets of numbers `points`, for the estimator."""
-        from cellctl.calibration import SocketRows
 
         return SocketRows(at, points, self.sigma[rows], session)
 
@@ -191,7 +179,6 @@ class Planes:
         """Touches at `rows`: by tip radius plus drift. A plane that the artefact has as a point, or not at all where it
         has planes, is rejected.
         """
-        import numpy as np
 
         names, known = sieve.data.texts("plane"), [plane.id for plane in artefact.planes] if artefact else []
         points = {point.id for point in artefact.points} if artefact else set()
@@ -208,7 +195,6 @@ class Planes:
 
     def block(self, rows: list[int], at: Postures, session: int, points: Any) -> PlaneRows:
         """Those at `rows`, on the planes of numbers `points`, for the estimator."""
-        from cellctl.calibration import PlaneRows
 
         return PlaneRows(at, points, self.reach[rows], self.sigma[rows], session)
 

@@ -6,15 +6,15 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self, final
+from typing import Self, final
 
+import numpy as np
+
+from cellctl.calibration import Session, SpacingRows
 from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.dataset import Sieve
-
-if TYPE_CHECKING:
-    from cellctl.calibration import Session, SpacingRows
-    from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats
 
 OWN = ("base", "tool")
 """Groups that a session may have of its own."""
@@ -38,7 +38,6 @@ def sessions_of(names: Sequence[str], own: frozenset[str], *, instrument: bool) 
     A base is a session's own only where an instrument measured: fixed points do not determine it. Sessions without
     their own groups are merged.
     """
-    from cellctl.calibration import Session
 
     mine = own if instrument else own - OWN_BASE
     distinct = list(dict.fromkeys(names))
@@ -120,9 +119,6 @@ def spacing_rows(
 
     Raises InputError where a `said` distance is between points that no row names.
     """
-    import numpy as np
-
-    from cellctl.calibration import SpacingRows
 
     known = known_spacings(artefact if use_artefact else None, _named(points, said))
     rows = [(pair, each) for each in known for pair in points.pairs(*each.between)]
@@ -142,7 +138,6 @@ def rough_places(points: Points, artefact: Artefact | None) -> Floats | None:
     """Rough places of the points (S, 3), mm, from the artefact; NaN where it has none, or where the robot was set up
     anew between sessions.
     """
-    import numpy as np
 
     if artefact is None or not points.keys:
         return None

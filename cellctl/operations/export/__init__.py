@@ -10,6 +10,7 @@ from typing import final
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, ReadableJournal, RunState, fold, is_being_written, journal_in
 from cellctl.operations.export import archive, events, samples
+from cellctl.report import report_text
 
 
 @final
@@ -124,6 +125,5 @@ class _Export:
         return files.to_bytes(lambda found: archive.readme(self._name, found, self._samples, missing))
 
     def _report(self) -> str:
-        from cellctl.report import report_text
 
         return report_text(self._place)

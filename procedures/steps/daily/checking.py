@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
+from procedures.steps.daily.judging import day_points, judged, read_earlier_runs
 from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict
 from procedures.steps.judged import Judged
 
@@ -20,7 +21,6 @@ class CollectInputs(StepInputs):
 @step("daily.collect", title="collecting the points")
 async def collect(context: StepContext, inputs: CollectInputs) -> None:
     """Collect the measured points and nests; refuse a run in which the station moved."""
-    from procedures.steps.daily.judging import day_points
 
     await context.record(DailyPointsRow(day=await context.clock.compute(day_points, context, inputs.baseline)))
 
@@ -34,7 +34,6 @@ class Earlier(StepResult):
 @step("daily.earlier_runs", reads_files=True, title="reading earlier runs")
 async def earlier_runs(context: StepContext, inputs: NoInputs) -> Earlier:
     """Read the earlier runs of this check from the folder of runs, and record what they measured."""
-    from procedures.steps.daily.judging import read_earlier_runs
 
     row = await context.clock.compute(read_earlier_runs, context)
     await context.record(row)
@@ -57,7 +56,6 @@ class JudgeInputs(StepInputs):
 @step("daily.judge", verdict=DailyVerdict, title="judging the robot")
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """Compare the points with the baseline by T² and EWMA; before the baseline is complete, only count it."""
-    from procedures.steps.daily.judging import judged
 
     verdict, chart = await context.clock.compute(judged, context, inputs)
     if chart:

@@ -11,6 +11,7 @@ from cellctl.devices import TableRobot, TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.iso9283.rows import IsoPoseRow, IsoVerdict, When
 from procedures.steps.judged import Judged, PushInputs
+from procedures.steps.table_push import push_of_run, require_in_force, withdrawn_unless_better
 from procedures.steps.tracker.measuring import (
     NEAR_SHARE,
     NEEDS,
@@ -23,6 +24,7 @@ from procedures.steps.tracker.measuring import (
     measured_fields,
     measured_plate,
 )
+from procedures.steps.tracker.model_files import check_model, read_model_of
 from procedures.steps.tracker.posing import PosePlan
 from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow
 
@@ -55,7 +57,6 @@ class ReadModel(StepResult):
 
 
 def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.tracker.model_files import check_model
 
     check_model(context, known)
 
@@ -63,7 +64,6 @@ def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("iso9283.read_model", check=_check_model, reads_files=True, title="reading the model")
 async def read_model(context: StepContext, inputs: ReadInputs) -> ReadModel:
     """Read the model that an earlier run identified, and record it; refuse that of another controller."""
-    from procedures.steps.tracker.model_files import read_model_of
 
     if inputs.run:
         await context.record(await context.clock.compute(read_model_of, context, inputs.run))
@@ -151,7 +151,6 @@ async def register(context: StepContext, inputs: NoInputs) -> None:
 @step("iso9283.push", needs={"robot": TableStore}, title="pushing the table")
 async def push(context: StepContext, inputs: PushInputs) -> None:
     """Push the table of the five points; to be done again on resume (`on_resume: always`)."""
-    from procedures.steps.table_push import push_of_run
 
     if inputs.table is not None and not context.recorded(IsoVerdict):
         await push_of_run(context, inputs.table)
@@ -178,7 +177,6 @@ class VisitInputs(PointInputs):
 )
 async def measure(context: StepContext, inputs: VisitInputs) -> Measured:
     """Go to a point by its approach, by nominal joints or by its row of the table; measure the reflectors."""
-    from procedures.steps.table_push import require_in_force
 
     pose, near = inputs.pose, inputs.transfer_percent * NEAR_SHARE
     robot: TableRobot = context.device("robot")
@@ -217,7 +215,6 @@ class JudgeInputs(StepInputs):
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """State the figures; withdraw a table by which the five points are not better."""
     from procedures.steps.iso9283.evaluation import verdict_of
-    from procedures.steps.table_push import withdrawn_unless_better
 
     found = await context.clock.compute(verdict_of, context, inputs.transfer_percent, inputs.reflectors)
     found = await withdrawn_unless_better(context, found)

@@ -8,7 +8,16 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration import Drift, FitResult, Split, fit
+from cellctl.calibration import (
+    Drift,
+    ErrorFigures,
+    FitResult,
+    Split,
+    compared_errors,
+    fit,
+    paired_verdict,
+    rows_for_better,
+)
 from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, artefact_of, fit_report, measurements
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
@@ -144,9 +153,6 @@ def verdict_of(context: StepContext) -> SphereVerdict:
     before, after: of the stand-offs. They decide the campaign's verdict: only a model that was better on held-out
     touches gets this far.
     """
-    import numpy as np
-
-    from cellctl.calibration import ErrorFigures, paired_verdict, rows_for_better
 
     held_out = context.recorded(SphereVerdict)[-1]
     rows = context.recorded(StandOffRow)
@@ -187,7 +193,6 @@ def _rms(values: Sequence[float]) -> float:
 
 def _sentence(verdict: str, standoff: StandOffFigures, enough: int | None) -> str:
     """enough: number of targets that would prove such a gain, if any."""
-    from cellctl.calibration import ErrorFigures, compared_errors
 
     errors = [ErrorFigures(**asdict(each)) for each in (standoff.before, standoff.after)]
     figures = compared_errors(("before", "after"), errors, standoff.n)

@@ -11,8 +11,17 @@ from cellctl.devices import CompensatedRobot, ContactProbe, JointReadings, Table
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
 from procedures.steps.judged import Judged, Pushed, PushInputs
+from procedures.steps.sphere.identification import verdict_of
+from procedures.steps.sphere.planning import check_on_sphere, locating_touches, standoff_options, worth_proving
 from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
+from procedures.steps.sphere.standoffs import standoff_row, standoffs_and_table
 from procedures.steps.sphere.touching import Round, StandOffPlan, TouchPlan
+from procedures.steps.table_push import (
+    push_unless_judged,
+    require_in_force,
+    take_back_unproved,
+    withdrawn_unless_better,
+)
 
 
 class PlanProofInputs(StepInputs):
@@ -33,7 +42,6 @@ class ProofPlan(StepResult):
 
 
 def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.sphere.planning import check_on_sphere
 
     check_on_sphere(context, known.get("sphere"), known.get("touches"))
 
@@ -46,7 +54,6 @@ def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
 )
 async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan:
     """Plan the touches that locate the proof sphere, where the model has earned it."""
-    from procedures.steps.sphere.planning import locating_touches, worth_proving
 
     if not worth_proving(context):
         context.say("the model is no better than nominal on held-out touches: nothing is compensated or pushed")
@@ -82,7 +89,6 @@ def _standoffs(known: Mapping[str, Any]) -> int:
 
 
 def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.sphere.planning import check_on_sphere, standoff_options
 
     options = standoff_options(known["distance_mm"]) if "distance_mm" in known else None
     check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
@@ -91,8 +97,6 @@ def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("sphere.compensate", check=_check_standoffs, title="compensating targets", expects=_standoffs)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
-    from procedures.steps.sphere.planning import worth_proving
-    from procedures.steps.sphere.standoffs import standoffs_and_table
 
     if not worth_proving(context):
         return Compensation(rounds=[], table=None)
@@ -109,7 +113,6 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 
     In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
     """
-    from procedures.steps.table_push import push_unless_judged
 
     judged = [verdict for verdict in context.recorded(SphereVerdict) if verdict.standoff]
     return Pushed(active=await push_unless_judged(context, inputs.table, judged))
@@ -136,8 +139,6 @@ class StoodOff(StepResult):
 )
 async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     """Go to a target off the sphere, search along its normal until contact, note the travel, retreat."""
-    from procedures.steps.sphere.standoffs import standoff_row
-    from procedures.steps.table_push import require_in_force
 
     robot: CompensatedRobot = context.device("robot")
     target, speeds = inputs.target, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
@@ -160,8 +161,6 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
 @step("sphere.judge", needs={"robot": TableStore}, verdict=SphereVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
-    from procedures.steps.sphere.identification import verdict_of
-    from procedures.steps.table_push import withdrawn_unless_better
 
     found = await context.clock.compute(verdict_of, context)
     found = await withdrawn_unless_better(context, found)
@@ -172,6 +171,5 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
 @step("sphere.withdraw", needs={"robot": TableStore})
 async def withdraw(context: StepContext, inputs: NoInputs) -> None:
     """For the clean-up: take the run's table out of force where the run ended before it was proved."""
-    from procedures.steps.table_push import take_back_unproved
 
     await take_back_unproved(context, context.device("robot"))

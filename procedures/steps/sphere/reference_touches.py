@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from cellctl.calibration import Drift, linear_drift
 from cellctl.devices import DeviceFault
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.procedure import StepContext
 from procedures.steps.sphere.rows import DriftFigures, LocateRow, ReferenceRow, TouchRow
-
-if TYPE_CHECKING:
-    from cellctl.calibration import Drift
 
 _JUMP_SIGMAS = 5.0
 _JUMP_MM = 0.1
@@ -25,7 +24,6 @@ def touch_sigma_mm(robot: RobotFile) -> float:
 
 def reference_row(context: StepContext, row: TouchRow, repeats: int) -> ReferenceRow:
     """The record of a return to touch number `repeats`, from the row of that touch."""
-    import numpy as np
 
     robot = RobotFile.load(context.robot_file)
     first = next(touch for touch in context.recorded(TouchRow) if touch.number == repeats)
@@ -69,7 +67,6 @@ def jump(visits: Sequence[ReferenceRow]) -> DeviceFault | None:
 
 def drift_of(context: StepContext) -> Drift:
     """The drift through all visits to the reference touch so far, the first among them."""
-    from cellctl.calibration import linear_drift
 
     visits = context.recorded(ReferenceRow)
     if not visits:

@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, final
+from typing import Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.calibration import LocatedSphere, RobotModel, locate_sphere
+from cellctl.compensation import Compensated
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, TableFile, artefact_of
 from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of
-from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats, JointMap
 from cellctl.planning import PlannedTouch
 from cellctl.procedure import StepContext
 from procedures.steps.contact_search import FoundContact
@@ -22,10 +23,6 @@ from procedures.steps.sphere.planning import as_plan, standoff_lines
 from procedures.steps.sphere.reference_touches import drift_of, last_number, touch_sigma_mm
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, StandOffRow, TouchRow
 from procedures.steps.sphere.touching import Round, StandOffPlan, TouchPlan
-
-if TYPE_CHECKING:
-    from cellctl.compensation import Compensated
-    from cellctl.kinematics import JointMap
 
 _TOLERANCE_MM = 1e-4
 """Left by the compensated joints, far below a touch's scatter: as in older runs, which replay to the same bytes."""
@@ -272,7 +269,6 @@ def _sentence(name: str, sphere: _Sphere, table: TableFile) -> str:
 
 def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact) -> StandOffRow:
     """The row that a stand-off records."""
-    import numpy as np
 
     joints, models = _models(context.artefact("model.json"))
     tips = models[target.run].tcp(joints.model([found.start, found.joints]))
@@ -299,8 +295,6 @@ def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact
 @lru_cache(maxsize=1)
 def _models(file: Path) -> tuple[JointMap, dict[str, RobotModel]]:
     """Joint map, nominal and identified robot of a run's model, which is constant once written."""
-    from cellctl.calibration import RobotModel
-    from cellctl.formats.table_making import nominal_chain
 
     model = ModelFile.load(file)
     return model.robot.joint_map(), {"before": RobotModel(nominal_chain(model)), "after": model.robot_model()}

@@ -10,7 +10,10 @@ from pydantic import Field, model_validator
 from cellctl.devices import ContactProbe, SearchingRobot
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged
+from procedures.steps.sphere.identification import identify_touches
+from procedures.steps.sphere.reference_touches import jump, reference_row
 from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow, TouchSet
 
 _IMPLAUSIBLE_SHARE = 0.1
@@ -212,13 +215,11 @@ def _row(context: StepContext, planned: TouchPlan, found: FoundContact) -> Touch
     )
     if planned.repeats is None:
         return row
-    from procedures.steps.sphere.reference_touches import reference_row
 
     return reference_row(context, row, planned.repeats)
 
 
 def _look_for_jump(context: StepContext, row: ReferenceRow) -> None:
-    from procedures.steps.sphere.reference_touches import jump
 
     context.say(f"reference touch: {row.shift_mm:+.3f} mm (1 σ {row.sigma_mm:.3f}) since the first visit")
     if fault := jump(context.recorded(ReferenceRow)):
@@ -235,8 +236,6 @@ class IdentifyInputs(StepInputs):
 @step("sphere.identify", verdict=SphereVerdict, title="identifying the robot")
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
-    from procedures.steps.identified import write_and_record
-    from procedures.steps.sphere.identification import identify_touches
 
     found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
     return await write_and_record(context, found)

@@ -6,15 +6,25 @@ from collections.abc import Mapping
 from math import dist
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
 from cellctl.devices import CellReadings, DeviceFault, PointSource, Reflector, Vector3, Weather
 from cellctl.files import Document, InputError
-from cellctl.formats.cell_sections import Nest, station_of
+from cellctl.formats.cell_sections import Nest, reflectors_of, station_of
 from cellctl.formats.load import Load, load_of
+from cellctl.metrology.instrument_checks import TwoFaceLimits, two_face_check
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.tracker.measuring import NestsDisagree, NotSettled, PointInputs, settled_point
 from procedures.steps.tracker.rows import NestRow, SetUpRow, TwoFaceRow, When
+from procedures.steps.tracker.station import (
+    MOVED,
+    MOVING,
+    constant_row,
+    judged_visit,
+    recorded_visits,
+    seen_from_instrument,
+)
 
 _NONE = Load(name="none", mass=0.0, xyz=[0.0, 0.0, 0.0])
 
@@ -39,7 +49,6 @@ class Prepared(StepResult):
 
 
 def _check_prepare(context: CellContext, known: Mapping[str, Any]) -> None:
-    from cellctl.formats.cell_sections import reflectors_of, station_of
 
     recorded_load(context.cell)
     station_of(context.cell)
@@ -58,7 +67,6 @@ async def prepare(context: StepContext, inputs: NoInputs) -> Prepared:
 
     To be done again on resume (`on_resume: always`): the instrument may have been off.
     """
-    from cellctl.formats.cell_sections import reflectors_of
 
     tracker: PointSource = context.device("tracker")
     given, load = reflectors_of(context.cell), recorded_load(context.cell)
@@ -111,8 +119,6 @@ class TwoFaces(StepResult):
 @step("tracker.two_face", needs={"tracker": PointSource}, title="two-face check")
 async def two_face(context: StepContext, inputs: TwoFaceInputs) -> TwoFaces:
     """Measure the first two nests in both faces; refuse an instrument that is out of adjustment, or that changed."""
-    from cellctl.formats.cell_sections import station_of
-    from cellctl.metrology.instrument_checks import TwoFaceLimits, two_face_check
 
     tracker: PointSource = context.device("tracker")
     station = station_of(context.cell)
@@ -173,7 +179,6 @@ _LEAST_NESTS = 3
 )
 async def monuments(context: StepContext, inputs: MonumentsInputs) -> Visited:
     """Measure every nest; a station that moved since the last visit begins a new session, a moving one ends the run."""
-    from procedures.steps.tracker.station import MOVED, MOVING, judged_visit, recorded_visits
 
     await update_weather(context)
     visit = recorded_visits(context)
@@ -197,7 +202,6 @@ async def monuments(context: StepContext, inputs: MonumentsInputs) -> Visited:
 @step("tracker.check_reflector", title="checking the reflector constant")
 async def check_reflector(context: StepContext, inputs: NoInputs) -> Constant:
     """Compare certified distances between nests with the measured ones; refuse a wrong reflector constant."""
-    from procedures.steps.tracker.station import constant_row
 
     row = await context.clock.compute(constant_row, context)
     if row is None:
@@ -244,9 +248,6 @@ def _refuse_twice(context: StepContext, search_mm: float) -> None:
 
 def nest_place(context: StepContext, nest: Nest) -> Vector3:
     """Where to aim, instrument's frame, mm: where it was measured last, else the cell file's place."""
-    import numpy as np
-
-    from procedures.steps.tracker.station import seen_from_instrument
 
     seen = [row.point.xyz for row in context.recorded(NestRow) if row.nest == nest.id]
     return seen[-1] if seen else seen_from_instrument(context, np.array(nest.xyz))

@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from cellctl.calibration import ErrorFigures, compared_errors, paired_verdict
-from cellctl.formats import TableFile
+from cellctl.formats import RobotFile, TableFile
 from cellctl.kinematics import Bools, Floats
 from cellctl.metrology.error_figures import ErrorIntervals
 from cellctl.procedure import StepContext
@@ -175,7 +175,6 @@ def predicted_sigma(context: StepContext, targets: Targets) -> Floats:
 
 
 def _repeatability(context: StepContext) -> float:
-    from cellctl.formats import RobotFile
 
     return RobotFile.load(context.robot_file).repeatability
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
+from cellctl.calibration.estimation.registration import rigid_fit
+from cellctl.formats.cell_sections import station_of
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
+from procedures.steps.tracker.circles import found_frames, planned_turns, return_pose
 from procedures.steps.tracker.posing import PosePlan
 from procedures.steps.tracker.rows import FramesRow, NestRow, StationRow
+from procedures.steps.tracker.station import session_now
 
 
 class Located(StepResult):
@@ -29,11 +34,6 @@ async def locate(context: StepContext, inputs: NoInputs) -> Located:
 
 
 def _located(context: StepContext) -> tuple[StationRow, float]:
-    import numpy as np
-
-    from cellctl.calibration.estimation.registration import rigid_fit
-    from cellctl.formats.cell_sections import station_of
-    from procedures.steps.tracker.station import session_now
 
     given = {nest.id: np.array(nest.xyz, float) for nest in station_of(context.cell).nests}
     measured = {row.nest: np.array(row.point.xyz) for row in context.recorded(NestRow)}
@@ -61,7 +61,6 @@ class Turns(StepResult):
 
 
 def _check_turns(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.tracker.circles import planned_turns
 
     planned_turns(context, known.get("points", 9))
 
@@ -74,7 +73,6 @@ def _check_turns(context: CellContext, known: Mapping[str, Any]) -> None:
 )
 async def plan_turns(context: StepContext, inputs: TurnInputs) -> Turns:
     """Plan the circles of A1, A2, A5 and A6 about one posture, the reflector visible on each point."""
-    from procedures.steps.tracker.circles import planned_turns, return_pose
 
     poses = await context.clock.compute(planned_turns, context, inputs.points)
     return Turns(poses=poses, back=return_pose(context, poses[-1].joints, len(poses)))
@@ -89,7 +87,6 @@ class Registered(StepResult):
 @step("tracker.frames", title="finding the frames")
 async def frames(context: StepContext, inputs: NoInputs) -> Registered:
     """Fit the circles, find the frames {B} and {T} with their σ, and where the instrument is."""
-    from procedures.steps.tracker.circles import found_frames
 
     row, station = await context.clock.compute(found_frames, context)
     for each in (row, station):

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, final
 
+import numpy as np
 from pydantic import Field
 
 from cellctl.clock import Clock
@@ -23,12 +24,13 @@ from cellctl.devices import (
     Vector3,
 )
 from cellctl.files import InputError
-from cellctl.formats.cell_sections import Currents, currents_of
+from cellctl.formats.cell_sections import Currents, currents_of, reflectors_of, station_of
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from cellctl.records import Row
 from procedures.steps.contact_search import rejoin
+from procedures.steps.table_push import require_in_force
 from procedures.steps.tracker.posing import PosePlan
-from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TurnRow
+from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TargetsRow, TurnRow
 
 
 @final
@@ -146,7 +148,6 @@ class Measured(StepResult):
 
 def _check_currents(context: CellContext, known: Mapping[str, Any]) -> None:
     """Raise InputError for an error in the cell file's `currents:`."""
-    from cellctl.formats.cell_sections import currents_of
     from procedures.steps.tracker.station import robot_of
 
     if "currents" not in context.cell.data:
@@ -181,8 +182,6 @@ async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
 )
 async def measure_compensated(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a row of the run's table by its approach, take the motor currents, measure the reflector."""
-    from procedures.steps.table_push import require_in_force
-    from procedures.steps.tracker.rows import TargetsRow
 
     robot: TableRobot = context.device("robot")
 
@@ -238,7 +237,6 @@ async def measured_plate(
     context: StepContext, fields: Mapping[str, Any], count: int, settling: Settling
 ) -> tuple[MeasuredPoint, ...]:
     """Measure the plate's reflectors 2 to `count` after the first. Raises NestsDisagree if they do not fit it."""
-    from cellctl.formats.cell_sections import reflectors_of
     from procedures.steps.tracker.reflectors import check_plate
     from procedures.steps.tracker.station import reflector_at, seen_from_instrument
 
@@ -287,12 +285,10 @@ def _row(pose: PosePlan, fields: dict[str, Any]) -> Row:
 
 
 def _search_mm(context: StepContext) -> float:
-    from cellctl.formats.cell_sections import station_of
 
     return station_of(context.cell).search_mm
 
 
 def _array(joints: JointReadings) -> Any:
-    import numpy as np
 
     return np.array([joints])

@@ -7,16 +7,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from cellctl.compensation import METHODS
 from cellctl.files import InputError, Problem
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from cellctl.procedure.fields import did_you_mean
+from procedures.steps.tracker.model_files import read_model
 
 DEFAULT_METHOD = "pseudo-target"
 
 
 def check_method(context: CellContext, known: Mapping[str, Any]) -> None:
     """Raise InputError if `method` of the known inputs is none of `cellctl.compensation`."""
-    from cellctl.compensation import METHODS
 
     method = known.get("method", DEFAULT_METHOD)
     if method not in METHODS:
@@ -146,7 +147,6 @@ def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:
 async def plan_targets(context: StepContext, inputs: PlanTargetsInputs) -> Plan:
     """Plan the targets, or take them from a file, with the poses that identify or register the model; name those that
     cannot be measured or compensated."""
-    from procedures.steps.tracker.model_files import read_model
     from procedures.steps.tracker.pose_planning import planned_targets
 
     found = await context.clock.compute(planned_targets, context, inputs, read_model(context))

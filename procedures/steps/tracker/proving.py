@@ -18,8 +18,13 @@ from cellctl.devices import (
     TableStore,
 )
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
+from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged, Pushed, PushInputs
+from procedures.steps.table_push import push_unless_judged, take_back_unproved, withdrawn_unless_better
+from procedures.steps.tracker.identification import identify_poses, registered_model
+from procedures.steps.tracker.judging import verdict_of
 from procedures.steps.tracker.measuring import NEAR_SHARE, Measured, MeasureInputs, NotSettled, measure_pose
+from procedures.steps.tracker.model_files import check_model, correction_file, read_model_of
 from procedures.steps.tracker.posing import DEFAULT_METHOD, Round, check_method
 from procedures.steps.tracker.rows import (
     CORRECTION_FILE,
@@ -30,6 +35,7 @@ from procedures.steps.tracker.rows import (
     ReadModelRow,
     TrackerVerdict,
 )
+from procedures.steps.tracker.target_table import compensated_rounds
 
 
 class IdentifyInputs(StepInputs):
@@ -41,8 +47,6 @@ class IdentifyInputs(StepInputs):
 @step("tracker.identify", verdict=TrackerVerdict, title="identifying the robot")
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the poses, state how good it was and is on the held-out ones, write data and model."""
-    from procedures.steps.identified import write_and_record
-    from procedures.steps.tracker.identification import identify_poses
 
     return await write_and_record(context, await context.clock.compute(identify_poses, context, inputs.model))
 
@@ -63,7 +67,6 @@ class ReadModel(StepResult):
 
 
 def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.tracker.model_files import check_model
 
     check_model(context, known, of_reflector=True)
 
@@ -71,7 +74,6 @@ def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("tracker.read_model", check=_check_model, reads_files=True, title="reading the model")
 async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel:
     """Read the model of an earlier run, if one is named; refuse that of another controller, robot or tool."""
-    from procedures.steps.tracker.model_files import read_model_of
 
     named = bool(inputs.run or inputs.file)
     if named:
@@ -86,8 +88,6 @@ async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel
 @step("tracker.register", verdict=TrackerVerdict, title="registering the model")
 async def register(context: StepContext, inputs: NoInputs) -> Judged:
     """Find the instrument in the frame of the model that was read, and judge that model on the held-out poses."""
-    from procedures.steps.identified import write_and_record
-    from procedures.steps.tracker.identification import registered_model
 
     await context.write_artefact(MODEL_FILE, context.recorded(ReadModelRow)[-1].text)
     return await write_and_record(context, await context.clock.compute(registered_model, context))
@@ -116,7 +116,6 @@ class Compensation(StepResult):
 @step("tracker.compensate", check=check_method, title="compensating targets")
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Compensate the held-out poses and write their table into the run folder, if the model is better than nominal."""
-    from procedures.steps.tracker.target_table import compensated_rounds
 
     if not context.recorded(TrackerVerdict)[-1].better:
         context.say("the model is no better than nominal on held-out poses: nothing is compensated or pushed")
@@ -134,7 +133,6 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 
     In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
     """
-    from procedures.steps.table_push import push_unless_judged
 
     judged = [verdict for verdict in context.recorded(TrackerVerdict) if verdict.targets]
     return Pushed(active=await push_unless_judged(context, inputs.table, judged))
@@ -143,8 +141,6 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 @step("tracker.judge", needs={"robot": TableStore}, verdict=TrackerVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the robot was and is on the held-out targets; withdraw a table that is not better."""
-    from procedures.steps.table_push import withdrawn_unless_better
-    from procedures.steps.tracker.judging import verdict_of
 
     found, errors = await context.clock.compute(verdict_of, context)
     if errors:
@@ -157,7 +153,6 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
 @step("tracker.withdraw", needs={"robot": TableStore})
 async def withdraw(context: StepContext, inputs: NoInputs) -> None:
     """For the clean-up: take the run's table out of force where the run ended before it was proved."""
-    from procedures.steps.table_push import take_back_unproved
 
     await take_back_unproved(context, context.device("robot"))
 
@@ -182,7 +177,6 @@ class Correction(StepResult):
 )
 async def correction_on(context: StepContext, inputs: CorrectInputs) -> Correction:
     """Write the correction model of the run's model, and correct the controller's motions by it from now on."""
-    from procedures.steps.tracker.model_files import correction_file
 
     if inputs.table is None:
         return Correction(id=None)
@@ -241,7 +235,6 @@ async def correction_off(context: StepContext, inputs: NoInputs) -> None:
 @step("tracker.judge_correction", verdict=TrackerVerdict, title="judging the on-line correction")
 async def judge_correction(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the robot was and is on the held-out targets."""
-    from procedures.steps.tracker.judging import verdict_of
 
     found, errors = await context.clock.compute(verdict_of, context, "Corrected on-line")
     if errors:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, final
+from typing import Self, final
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from cellctl.devices import Vector3
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
 from cellctl.formats.cell_sections import FlangeReflector, reflectors_of, station_of
-from cellctl.kinematics import Floats, inverse_pose, pose_from_xyz_abc
+from cellctl.kinematics import Floats, JointMap, SerialChain, inverse_pose, pose_from_xyz_abc
 from cellctl.metrology.instrument_checks import InsensitiveDistances, KnownDistance, constant_error
 from cellctl.metrology.monuments import NestLoose, StationState, station_motion
 from cellctl.metrology.points import Points
@@ -23,9 +23,6 @@ from cellctl.records import Rows
 from procedures.steps.tracker.measuring import NestsDisagree
 from procedures.steps.tracker.reflectors import points_of
 from procedures.steps.tracker.rows import ConstantRow, MonumentsRow, NestRow, PoseRow, StationRow, VisitedRow, When
-
-if TYPE_CHECKING:
-    from cellctl.kinematics import JointMap, SerialChain
 
 FIRST_SESSION = "1"
 """Name of the first session."""

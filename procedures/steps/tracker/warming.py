@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field
 
 from cellctl.devices import DeviceFault, JointReadings, MovingRobot
+from cellctl.formats import RobotFile, postures_of
+from cellctl.metrology.instrument_checks import Settling, SettlingLimits, settling
 from cellctl.procedure import StepContext, StepResult, step
 from procedures.steps.contact_search import rejoin
+from procedures.steps.tracker.circles import return_pose
 from procedures.steps.tracker.measuring import NEEDS, USES, NotSettled, PointInputs, measured_fields
 from procedures.steps.tracker.rows import ReturnRow, WarmUpRow
-
-if TYPE_CHECKING:
-    from cellctl.metrology.instrument_checks import Settling
 
 _RETURNS = 6
 """Returns whose trend decides."""
@@ -93,7 +93,6 @@ async def _exercise(context: StepContext, inputs: WarmUpInputs) -> None:
 
 async def _return(context: StepContext, inputs: WarmUpInputs, number: int) -> ReturnRow:
     """Measure the return pose; ends there."""
-    from procedures.steps.tracker.circles import return_pose
 
     robot: MovingRobot = context.device("robot")
     home, before, turn = _way(context)
@@ -108,8 +107,6 @@ async def _return(context: StepContext, inputs: WarmUpInputs, number: int) -> Re
 
 def _way(context: StepContext) -> tuple[JointReadings, JointReadings, JointReadings]:
     """Home, the approach to the return pose, the return pose."""
-    from cellctl.formats import RobotFile, postures_of
-    from procedures.steps.tracker.circles import return_pose
 
     home = postures_of(context.cell, RobotFile.load(context.robot_file), "turn").home
     pose = return_pose(context, home, 0)
@@ -117,7 +114,6 @@ def _way(context: StepContext) -> tuple[JointReadings, JointReadings, JointReadi
 
 
 def _judged(rows: Sequence[ReturnRow], limit_mm: float) -> Settling:
-    from cellctl.metrology.instrument_checks import SettlingLimits, settling
 
     times = [row.point.time_ns * 1e-9 for row in rows]
     limits = SettlingLimits(samples=_RETURNS, scatter_mm=limit_mm, drift_mm=limit_mm)
