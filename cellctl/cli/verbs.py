@@ -69,7 +69,7 @@ VERBS = {
     ),
     "table": Verb("table", "app", "Push, show, verify, compare or roll back a compensation table."),
     "convert": Verb("convert", "convert", "Convert a robot file or model to another form."),
-    "robots": Verb("convert", "robots", "List the robots that a fit, a plan or a cell may name, or show one."),
+    "robots": Verb("robots", "robots", "List the robots that a fit, a plan or a cell may name, or show one."),
     "krl": Verb("cell", "krl", "Write the files to load on the controller."),
     "sim": Verb("cell", "sim", "Run a cell's simulators until Ctrl-C."),
     "console": Verb("cell", "console", "Serve the operator's console and its JSON API until Ctrl-C."),

@@ -12,7 +12,6 @@ from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import qmc
 
 from cellctl.calibration import At, RobotModel
 from cellctl.compensation.corrections import (
@@ -25,6 +24,7 @@ from cellctl.compensation.corrections import (
     WithoutZeros,
 )
 from cellctl.kinematics import Bools, Floats, InverseResult, SerialChain, inverse, pose_difference
+from cellctl.kinematics.low_discrepancy import sobol
 
 OUT_OF_REACH = "the target is out of the robot's reach"
 
@@ -277,7 +277,7 @@ def compensate(
 def _around(q: Floats) -> Floats:
     """256 postures (256, n) spread over a box around q (N, n), rad, the same each time."""
     low, high = q.min(axis=0) - _NEAR_RAD, q.max(axis=0) + _NEAR_RAD
-    return np.asarray(low + qmc.Sobol(len(low), scramble=False).random(256) * (high - low))
+    return np.asarray(low + sobol(len(low), scramble=False).random(256) * (high - low))
 
 
 def _method(name: str, identified: RobotModel | PredictedErrors) -> Method:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, Self, TypeAlias, final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import At, RobotModel
 from cellctl.compensation.nearest_chain import with_geometry, with_zeros_and_frames
@@ -191,6 +190,8 @@ def _sent(controller: SerialChain, pseudo: Floats, now: Pass) -> Pass:
 
 def _moved(poses: Floats, by: Floats) -> Floats:
     """`poses` (N, 4, 4) shifted and turned by (N, 6): the position shifts, the turn is about the position."""
+    from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
+
     result = poses.copy()
     result[:, :3, 3] += by[:, :3]
     result[:, :3, :3] = np.matmul(Rotation.from_rotvec(by[:, 3:]).as_matrix(), poses[:, :3, :3])

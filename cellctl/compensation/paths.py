@@ -19,7 +19,6 @@ from typing import Self, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import RobotModel
 from cellctl.compensation.compensating import Compensated, compensate
@@ -138,6 +137,8 @@ Segment: TypeAlias = Line | Arc
 
 def _turned(start: Floats, end: Floats, share: Floats) -> Floats:
     """Orientations (M, 3, 3) on the great arc from pose `start` to pose `end`."""
+    from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
+
     whole = rotation_vector(end[:3, :3] @ start[:3, :3].T)
     return np.asarray(Rotation.from_rotvec(share[:, None] * whole).as_matrix() @ start[:3, :3])
 

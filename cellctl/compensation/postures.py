@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import qmc
 
 from cellctl.kinematics import Floats, JointMap, SerialChain, inverse
 from cellctl.kinematics.controller_readings import status_of
+from cellctl.kinematics.low_discrepancy import sobol
 
 _TRIES = 24
 """Starts for each target; a wrist robot has up to eight postures for one."""
@@ -56,7 +56,7 @@ def stated_posture(
 
     status, turn: as KUKA controllers number them; None: any. Of several postures the one nearest to `near` (n,), deg.
     """
-    starts = np.vstack([near, limits[:, 0] + qmc.Sobol(len(limits), seed=0).random(_STARTS) * np.ptp(limits, axis=1)])
+    starts = np.vstack([near, limits[:, 0] + sobol(len(limits), seed=0).random(_STARTS) * np.ptp(limits, axis=1)])
     found = inverse(chain, target[None], joints.model(starts), tolerance_mm=1e-7, tolerance_rad=1e-10)
     readings = _with_whole_turns(joints.readings(found.q[found.converged]), limits, near, turn)
     if status is not None and len(readings):

@@ -20,7 +20,7 @@ from cellctl.operations.exporting import ExportOptions, exported, model_source, 
 from cellctl.operations.failure import ABORTED, MEANINGS, Failure
 from cellctl.operations.fit_options import Asked, Judging
 from cellctl.operations.fitting import FitInput, fit_rows
-from cellctl.operations.robot_library import doubt_of, suggest_robots
+from cellctl.operations.robot_suggestion import doubt_of, suggest_robots
 from cellctl.operations.understanding import read_data, understand
 from cellctl.pendant_import import choices
 from cellctl.robots import library, near

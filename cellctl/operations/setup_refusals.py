@@ -10,7 +10,7 @@ from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.formats import Artefact, load_artefact
 from cellctl.formats.measurements import Measurements
-from cellctl.operations.robot_library import nearer_robots
+from cellctl.operations.robot_suggestion import nearer_robots
 from cellctl.setup_check import (
     OFF_MM,
     Change,

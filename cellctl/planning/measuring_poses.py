@@ -13,9 +13,9 @@ from typing import TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from cellctl.kinematics import JointMap, SerialChain
+from cellctl.kinematics.low_discrepancy import sobol
 from cellctl.planning.touches import OutOfReach
 from cellctl.planning.ways import Body, Obstacles, Reach, Thickness, between_lines
 
@@ -224,7 +224,7 @@ def _postures(arm: MeasuringArm, reach: Reach, count: int, rng: np.random.Genera
     """The first `count` usable Sobol samples (count, n), deg."""
     margin = reach.margin + arm.options.step
     low, high = np.array(reach.minimum) + margin, np.array(reach.maximum) - margin
-    sampler = qmc.Sobol(len(low), rng=rng)
+    sampler = sobol(len(low), rng=rng)
     found: list[Array] = []
     rejected: dict[str, int] = {}
     for _ in range(_BATCHES):

@@ -14,7 +14,6 @@ from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from cellctl.calibration import (
     Measured,
@@ -28,6 +27,7 @@ from cellctl.calibration import (
     TouchRows,
 )
 from cellctl.kinematics import Bools, Floats
+from cellctl.kinematics.low_discrepancy import sobol
 
 WIDER_RAD, WIDER_SHARE = np.deg2rad(30.0), 0.25
 """Joints may exceed the range of the rows by this much, or by this share of the range, whichever is more."""
@@ -226,7 +226,7 @@ def _as_before(before: Postures, q: Floats) -> Postures:
 
 def _evenly(dimensions: int, count: int) -> Floats:
     """Points (count, dimensions) of the unit cube, quasi-random (Sobol; drawn in powers of two)."""
-    drawn = qmc.Sobol(dimensions, rng=np.random.default_rng(1)).random(1 << max(count - 1, 0).bit_length())
+    drawn = sobol(dimensions, rng=np.random.default_rng(1)).random(1 << max(count - 1, 0).bit_length())
     return np.asarray(drawn[:count])
 
 

@@ -9,9 +9,9 @@ from typing import Self, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from cellctl.kinematics import JointMap, SerialChain, inverse, rotation_vector
+from cellctl.kinematics.low_discrepancy import sobol
 from cellctl.planning.measuring_poses import MeasuringArm, PoseOptions, Sight
 from cellctl.planning.touches import OutOfReach
 from cellctl.planning.ways import Reach
@@ -70,7 +70,7 @@ class Configuration:
         the middle of the limits, in shares of their width.
         """
         probes = poses[:_PROBES]
-        spread = low + qmc.Sobol(len(low), rng=rng).random(_STARTS) * (high - low)
+        spread = low + sobol(len(low), rng=rng).random(_STARTS) * (high - low)
         found = cls(chain, joints, low, high, (low + high) / 2.0)._solved(probes[None, :4], spread[:, None])
         flat, inside = found[0].reshape(-1, len(low)), found[1].reshape(-1)
         candidates = flat[inside]

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from scipy.stats import qmc
 
 from cellctl.kinematics import Floats, JointMap, SerialChain
+from cellctl.kinematics.low_discrepancy import sobol
 from cellctl.planning.touches import (
     Candidate,
     OutOfReach,
@@ -70,7 +70,7 @@ def plan_oriented_touches(
     around = spheres_of(spheres)
     body = Body(chain, joints, options.thickness)
     ways = Ways(body, reach, Obstacles(around, plate or Plate.assumed(around)), options.clearance)
-    sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, touched]))
+    sampler = sobol(4, rng=np.random.default_rng([seed, touched]))
     groups: list[list[Candidate]] = []
     for sample in sampler.random(_ORIENTATIONS):
         group = _group(chain, joints, ways, postures, spheres[touched], touched, touches, sample, options)
@@ -122,7 +122,7 @@ def _group(
 
 def _normals(away: Floats, options: TouchOptions) -> Floats:
     """Contact normals (k, 3) within the tilt of the shaft's direction `away` (3,), not lower than the cap."""
-    height, heading = qmc.Sobol(2, rng=np.random.default_rng(0)).random(_NORMALS).T
+    height, heading = sobol(2, rng=np.random.default_rng(0)).random(_NORMALS).T
     about = on_sphere(1.0 - height * (1.0 - np.cos(np.radians(options.tilt))), heading)
     normals = about @ frames_along(away[None])[0].T
     return np.asarray(normals[normals[:, 2] >= np.cos(np.radians(options.cap))])

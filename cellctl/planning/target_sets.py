@@ -11,7 +11,6 @@ from typing import Literal, TypeAlias, final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from cellctl.kinematics import JointMap, SerialChain
 from cellctl.planning.sample_finder import SampleFinder, TargetOptions
@@ -71,6 +70,8 @@ def near_path(positions: Array, path: Array, count: int) -> Indices:
     over, until `count` are taken. With enough of them, the union of the 10 nearest is always among them. Raises
     ValueError for more than N.
     """
+    from scipy.spatial.distance import cdist  # at first use: it takes 0.2 s
+
     if count > len(positions):
         raise ValueError(f"{count} of {len(positions)} samples")
     ranked = np.argsort(cdist(path, positions), axis=1, kind="stable").T.ravel()

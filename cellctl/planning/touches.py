@@ -13,9 +13,9 @@ from typing import Self, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from cellctl.kinematics import JointMap, SerialChain, inverse
+from cellctl.kinematics.low_discrepancy import sobol
 from cellctl.planning.ways import Body, Obstacles, Plate, Reach, Thickness, Ways
 
 Array = NDArray[np.float64]
@@ -228,7 +228,7 @@ def _candidates(
     options: TouchOptions,
 ) -> list[Candidate]:
     """The first `count` feasible touches of the sphere's quasi-random sequence, or fewer where it runs out."""
-    sampler = qmc.Sobol(6, rng=np.random.default_rng([seed, index]))
+    sampler = sobol(6, rng=np.random.default_rng([seed, index]))
     home = np.array(postures.home)
     found: list[Candidate] = []
     for _ in range(_BATCHES):

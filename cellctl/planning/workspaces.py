@@ -10,9 +10,9 @@ from typing import Literal, Protocol, TypeAlias, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import qmc
 
 from cellctl.kinematics import pose, rotation_from_abc
+from cellctl.kinematics.low_discrepancy import halton, sobol
 
 Array = NDArray[np.float64]
 Sequence: TypeAlias = Literal["sobol", "halton", "pseudo-random", "clustered"]
@@ -39,9 +39,9 @@ def draw_of(sequence: Sequence, dimensions: int, count: int, rng: np.random.Gene
     """
     match sequence:
         case "sobol":
-            return qmc.Sobol(dimensions, rng=rng)
+            return sobol(dimensions, rng=rng)
         case "halton":
-            return qmc.Halton(dimensions, rng=rng)
+            return halton(dimensions, rng=rng)
         case "pseudo-random":
             return _PseudoRandom(dimensions, rng)
         case "clustered":

@@ -10,7 +10,7 @@ import pytest
 from cellctl.files import InputError
 from cellctl.formats import DataSet
 from cellctl.operations.fit_options import Asked
-from cellctl.operations.robot_library import suggest_robots
+from cellctl.operations.robot_suggestion import suggest_robots
 from cellctl.operations.understanding import Understood, read_data, understand
 from cellctl.pendant_import import Choices
 

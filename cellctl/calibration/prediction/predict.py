@@ -25,6 +25,7 @@ from cellctl.calibration.prediction.measured_region import MeasuredRegion
 from cellctl.calibration.rows import Measured
 from cellctl.calibration.selection.cross_validation import squared_distances
 from cellctl.kinematics import Bools, Floats
+from cellctl.kinematics.low_discrepancy import sobol
 
 POINTS = 256
 """Points over which the uncertainty in a joint region is averaged."""
@@ -56,9 +57,7 @@ def _columns(model: RobotModel, postures: Postures) -> Floats:
 
 def spread_over(lower: Floats, upper: Floats, points: int = POINTS) -> Floats:
     """Joint angles (points, n) spread evenly (Sobol) over lower (n,) … upper (n,); points: a power of two."""
-    from scipy.stats import qmc
-
-    return np.asarray(lower + qmc.Sobol(len(lower), scramble=False).random(points) * (upper - lower))
+    return np.asarray(lower + sobol(len(lower), scramble=False).random(points) * (upper - lower))
 
 
 def _rigid_motions(arms: Floats) -> Floats:
