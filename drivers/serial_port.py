@@ -112,7 +112,7 @@ def open_port(device: str, place: SerialPlace) -> SerialPort:
     """Open the port of `device` exclusively. Raises DeviceUnreachable, with the cure."""
     import termios  # lazily, as it and pyserial are only needed to open a port
 
-    from serial import Serial
+    from serial import Serial  # POSIX alone
 
     try:
         return SerialPort(Serial(place.path, place.baud, timeout=_READ_BOUND_S, exclusive=True))

@@ -158,7 +158,7 @@ def write_truth(
 
 def _asking_for(name: str, cell: SimCell, world: World) -> Ask:
     """Gives the true place of a reflector on the robot. Raises CellError: the cell has none of this name."""
-    from sims.world.true_places import TrueReflectors
+    from sims.world.true_places import TrueReflectors  # numpy
 
     names = [one.id for one in cell.reflectors.on_flange] if cell.reflectors else []
     if cell.reflectors is None or name not in names:

@@ -6,12 +6,17 @@ To look for examples that nobody has tried yet: `pytest --hypothesis-profile exp
 
 import os
 import signal
+import sys
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 for library in ("OPENBLAS", "MKL", "OMP"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+# Most of a short child's time would be the compilation of its modules, where the environment forbids to keep them.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # A shell starts background jobs with SIGINT ignored, nohup with SIGHUP. A child inherits that, and a test that
 # interrupts it would wait for ever. A handler is not inherited: pytest ignores the signal, its children do not.

@@ -22,6 +22,7 @@ from cellctl.formats.similarity_report import (
     similarity_report,
 )
 from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
+from cellctl.report.similarity import write_similarity_page
 
 NO_CHECK = "--no-check skips this check: the errors analysed are then those of the wrong set-up"
 
@@ -53,8 +54,6 @@ def analyse(
     report = similarity_report(errors, found, seed)
     unwritten = Unwritten()
     if page:
-        from cellctl.report.similarity import write_similarity_page
-
         sources = {
             "robot file": shown_name(robot),
             "data set": shown_name(data),

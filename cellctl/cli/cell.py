@@ -55,8 +55,8 @@ def doctor(cell: arguments.Cell, seed: arguments.Seed = None, json_: arguments.J
 
 
 def _show(found: Sequence[Examined]) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from rich.console import Console  # only for people: 0.1 s
+    from rich.table import Table  # only for people: 0.1 s
 
     console = Console(highlight=False)
     console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but not truncate an identity
@@ -72,7 +72,7 @@ def _show(found: Sequence[Examined]) -> None:
 
 
 def _cells(one: Examined) -> list[str]:
-    from rich.markup import escape
+    from rich.markup import escape  # only for people: 0.1 s
 
     identity = one.identity
     named = f"{identity.model} {identity.serial}" if identity and identity.serial not in identity.model else ""

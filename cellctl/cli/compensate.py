@@ -167,7 +167,7 @@ def compare(model: ModelFile, wanted: Targets, file: str, correction_deg: float,
 
 
 def _show(found: Sequence[MethodFigures], file: str) -> None:
-    from rich.console import Console
+    from rich.console import Console  # only for people: 0.1 s
 
     console = Console(highlight=False)
     console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but not truncate a figure
@@ -185,7 +185,7 @@ def _show(found: Sequence[MethodFigures], file: str) -> None:
 
 
 def _accuracies(found: Sequence[MethodFigures]) -> Table:
-    from rich.table import Table
+    from rich.table import Table  # only for people: 0.1 s
 
     table = Table(box=None, pad_edge=False)
     table.add_column("predicted error", no_wrap=True)
@@ -211,7 +211,7 @@ def _cells(accuracy: Accuracy | None) -> list[str]:
 
 def _passes(found: Sequence[MethodFigures]) -> Table:
     """Mean error before the first pass and after each: figure 5 of the comparison that the methods are from."""
-    from rich.table import Table
+    from rich.table import Table  # only for people: 0.1 s
 
     most = min(max((len(each.per_pass_mm) for each in found), default=0), _SHOWN_PASSES + 1)
     table = Table(box=None, pad_edge=False)

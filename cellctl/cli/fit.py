@@ -35,7 +35,7 @@ _LETTERS = 160
 
 def show(report: dict[str, Any]) -> None:
     """The figures as a table, unobservable parameters, mastering offsets, and the verdict as the last line."""
-    from rich.console import Console
+    from rich.console import Console  # only for people: 0.1 s
 
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but not truncate a figure
@@ -56,7 +56,7 @@ def name_rows(report: dict[str, Any]) -> None:
 
 
 def _figures(console: Console, report: dict[str, Any]) -> None:
-    from rich.table import Table
+    from rich.table import Table  # only for people: 0.1 s
 
     table = Table("distances, mm", box=None, pad_edge=False)
     for column in ("mean", "RMS", "max"):

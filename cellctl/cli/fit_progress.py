@@ -97,8 +97,14 @@ class _Bar(_Shown):
 
     def show(self) -> None:
         if self._bar is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+            from rich.console import Console  # only for people: 0.1 s
+            from rich.progress import (  # only for people: 0.1 s
+                BarColumn,
+                Progress,
+                TaskProgressColumn,
+                TextColumn,
+                TimeElapsedColumn,
+            )
 
             columns = (
                 TextColumn(f"{self._name}: {{task.description}}", markup=False),

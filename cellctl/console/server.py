@@ -90,8 +90,8 @@ def guarded(app: ASGIApp, console: Console, largest_body: int = LARGEST_BODY) ->
 def console_app(console: Console) -> Guard:
     """The whole application: API and pages, guarded."""
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir()) / "cellctl-console"))
-    from nicegui import app as pages
-    from nicegui import ui
+    from nicegui import app as pages  # it takes a second, and configures itself
+    from nicegui import ui  # it takes a second, and configures itself
 
     app = api_app(console)
     pages.state.openapi = app.openapi
@@ -122,7 +122,7 @@ def serve(settings: Settings, announce: Callable[[Console], None], token: str = 
 
     Raises InputError if the address is no single address of this machine, or its port is taken.
     """
-    import uvicorn
+    import uvicorn  # it takes a second, and configures itself
 
     listening = _listening(settings)
     console = new_console(settings, token)

@@ -92,8 +92,8 @@ def tuned_perceptron(
 
 def _library() -> tuple[Any, type[Warning]]:
     try:
-        from sklearn.exceptions import ConvergenceWarning
-        from sklearn.neural_network import MLPRegressor
+        from sklearn.exceptions import ConvergenceWarning  # an extra: it may be missing
+        from sklearn.neural_network import MLPRegressor  # an extra: it may be missing
     except ImportError:
         cure = "pip install 'cellctl[baselines]'"
         raise LibraryMissing(f"the perceptron needs scikit-learn, which is not installed: {cure}") from None

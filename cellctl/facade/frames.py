@@ -120,7 +120,7 @@ def by_index(error: InputError) -> InputError:
 def frame_of(columns: Columns) -> Any:
     """A DataFrame of `columns`. Raises ImportError with the cure where pandas is not installed."""
     try:
-        import pandas
+        import pandas  # an extra: it may be missing
     except ImportError as error:
         words = "a DataFrame needs pandas: pip install 'cellctl[dataframes]'; to_dict() gives the same as arrays"
         raise ImportError(words) from error

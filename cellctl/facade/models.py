@@ -147,7 +147,7 @@ class Model:
     @property
     def robot(self) -> Robot:
         """The nominal robot."""
-        from cellctl.facade.fits import robot
+        from cellctl.facade.fits import robot  # a circle: a model names its robot
 
         return robot(self.file.robot)
 

@@ -98,7 +98,7 @@ def append_line(path: Path, line: str) -> None:
     A part of a line that a crash left at the end stays a line of its own. Raises OSError (full disk, no
     permission); the file is then as it was.
     """
-    import fcntl
+    import fcntl  # POSIX alone
 
     with path.open("a+b", buffering=0) as stream:
         fcntl.flock(stream, fcntl.LOCK_EX)  # until the stream is closed

@@ -17,6 +17,7 @@ from cellctl.formats.exports import (
     abb_text,
     effects_left_out,
     fanuc_text,
+    fitted_geometry,
     hash_of,
     joint_zeros,
     kuka_text,
@@ -120,9 +121,6 @@ def exported(source: Source, form: str, options: ExportOptions) -> Exported:
     effects, assumed = _effects(source.model) if source.model else ([], [])
     fitted = None
     if source.model and effects:
-        from cellctl.formats.description import RobotDescription
-        from cellctl.formats.exports import fitted_geometry
-
         fitted = fitted_geometry(source.model)
         source = replace(source, robot=RobotDescription.of(source.model.robot, fitted.chain))
     mounting = ["mounting"] if form in _WITHOUT_MOUNTING and source.robot.mounting != "floor" else []

@@ -7,15 +7,19 @@ import getpass
 import os
 import platform
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import cast, final
+
+from threadpoolctl import threadpool_info
 
 from cellctl import __version__
 from cellctl.clock import Clock, WallClock, calendar_time
@@ -43,6 +47,9 @@ from cellctl.procedure import section_of
 _GROUPS = ("cellctl.devices", "cellctl.steps")
 _NAMED = 5
 """Maximum number of changed files that are listed."""
+
+_AT_FIRST_USE = ("scipy.optimize", "scipy.spatial", "scipy.spatial.transform", "scipy.stats")
+"""What the mathematics imports inside functions: verbs that do not compute start faster without."""
 
 _LIBRARIES = ("numpy", "scipy", "pyserial", "pydantic", "ruckig")
 
@@ -97,7 +104,6 @@ def _blas() -> str:
     """
     import numpy.linalg  # noqa: F401 - loads its library
     import scipy.linalg  # noqa: F401
-    from threadpoolctl import threadpool_info
 
     found = (each for each in threadpool_info() if each["user_api"] == "blas")
     return ", ".join(
@@ -193,6 +199,10 @@ async def run_campaign(campaign: Campaign, options: Options, folder: Path, watch
     Raises InputError, DeviceError if the simulators do not start, JournalError if the folder cannot be written;
     DeviceBusy, before journal and connections, if another process has a device of the cell.
     """
+    campaign.registry.import_whole(campaign.procedure)
+    if "numpy" in sys.modules:
+        for name in _AT_FIRST_USE:
+            import_module(name)
     mailbox = Mailbox(Operator.here("--confirm-all") if options.confirm_all else None)
     if options.asking:
         watcher = options.asking(watcher, mailbox)

@@ -120,7 +120,7 @@ def understand(given: DataFile, robot: Path | None, asked: Asked, progress: Prog
     plain = _plain(given)
     if robot is None or plain.problems:
         return plain
-    from cellctl.operations.fitting import FitInput, robot_of
+    from cellctl.operations.fitting import FitInput, robot_of  # a circle: a fit checks what was understood
 
     document, robot_file = robot_of(robot)
     input_ = FitInput(document, robot_file, given.data, load_artefact(asked.artefact) if asked.artefact else None)
@@ -167,8 +167,11 @@ def _plain(given: DataFile) -> Understood:
 
 def _of_fit(plain: Understood, given: Any, asked: Asked, progress: Progress) -> Understood:
     """What a fit would use, and what its set-up check finds."""
-    from cellctl.operations.fitting import NO_CHECK, measured_rows
-    from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
+    from cellctl.operations.fitting import NO_CHECK, measured_rows  # a circle: a fit checks what was understood
+    from cellctl.operations.setup_refusals import (  # a circle: a fit checks what was understood
+        SetupFiles,
+        refuse_setup_errors,
+    )
 
     measured = measured_rows(given, asked)
     rejected = [{"line": row.line, "reason": row.reason} for row in measured.rejected]

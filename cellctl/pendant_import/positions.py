@@ -63,7 +63,7 @@ def _abc(kind: Orientation, radians: list[float]) -> list[float]:
     """
     if kind in ("abc", "fixed-xyz"):
         return [round(math.degrees(angle), _DIGITS) for angle in (radians if kind == "abc" else reversed(radians))]
-    from scipy.spatial.transform import Rotation
+    from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
 
     turn = Rotation.from_rotvec(radians) if kind == "rotation-vector" else Rotation.from_euler("XYZ", radians)
     return [round(float(angle), _DIGITS) + 0.0 for angle in abc_from_rotation(turn.as_matrix())]

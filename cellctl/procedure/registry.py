@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from pkgutil import walk_packages
 from types import ModuleType
 from typing import Self, final
 
@@ -68,6 +70,20 @@ class StepRegistry:
         for family in self._families:
             self._load(family)
         return sorted(self._kinds)
+
+    def import_whole(self, procedure: Procedure) -> None:
+        """Import every module of the families of steps in `procedure`, also those that their functions import.
+
+        Between connecting and the end of a run nothing is then imported: an import may fail, and takes time from
+        devices that wait. Raises UnknownStep, BrokenSteps.
+        """
+        names = {each.do for each in walk((*procedure.steps, *procedure.cleanup)) if isinstance(each, Step)}
+        for name in sorted(names):
+            self.find(name)
+        for family in sorted({name.partition(".")[0] for name in names} & self._families.keys()):
+            module = self._families[family]()
+            for found in walk_packages(getattr(module, "__path__", ()), f"{module.__name__}."):
+                import_module(found.name)
 
     def _load(self, family: str) -> BrokenSteps | None:
         if family not in self._families:

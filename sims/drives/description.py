@@ -23,7 +23,7 @@ def nodes_of(address: str) -> tuple[int, ...]:
 
 
 def _start(setup: Setup) -> Started:
-    from sims.drives.server import DriveServer
+    from sims.drives.server import DriveServer  # when a cell has the device
 
     return DriveServer(setup)
 

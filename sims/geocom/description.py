@@ -26,7 +26,7 @@ def _query(address: str) -> dict[str, str]:
 
 
 def _start(setup: Setup) -> Started:
-    from sims.geocom.server import GeocomServer
+    from sims.geocom.server import GeocomServer  # when a cell has the device
 
     try:
         setup.scene.station()

@@ -9,7 +9,7 @@ MOVE = "robot.move"
 
 
 def _start(setup: Setup) -> Started:
-    from sims.krc.controller import start
+    from sims.krc.controller import start  # when a cell has the device
 
     return start(setup)
 

@@ -29,7 +29,7 @@ def _query(address: str) -> dict[str, str]:
 
 
 def _start(setup: Setup) -> Started:
-    from sims.plc.server import PlcServer
+    from sims.plc.server import PlcServer  # when a cell has the device
 
     return PlcServer(setup)
 

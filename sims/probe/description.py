@@ -16,7 +16,7 @@ def baud_of(address: str) -> int:
 
 
 def _start(setup: Setup) -> Started:
-    from sims.probe.server import ProbeServer
+    from sims.probe.server import ProbeServer  # when a cell has the device
 
     return ProbeServer(setup)
 

@@ -12,7 +12,7 @@ C3, KUKAVARPROXY = "c3_bridge", "kukavarproxy"
 
 
 def _start(setup: Setup) -> Started:
-    from sims.varproxy.controller import start
+    from sims.varproxy.controller import start  # when a cell has the device
 
     return start(setup)
 

@@ -187,8 +187,8 @@ def parquet(samples: Samples, run: str) -> bytes:
     """
     if not installed():
         raise InputError(Problem("--as parquet", 0, 0, "Parquet needs the package pyarrow, which is missing", CURE))
-    import pyarrow as pa
-    from pyarrow import parquet as files
+    import pyarrow as pa  # an extra: it may be missing
+    from pyarrow import parquet as files  # an extra: it may be missing
 
     types = {"integer": pa.int64(), "number": pa.float64(), "string": pa.string(), "boolean": pa.bool_()}
     fields = [

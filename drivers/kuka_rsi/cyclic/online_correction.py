@@ -28,7 +28,7 @@ from drivers.kuka_rsi.cyclic.session import (
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 if TYPE_CHECKING:
-    from drivers.kuka_rsi.cyclic.online_model import OnlineModel
+    from drivers.kuka_rsi.cyclic.online_model import OnlineModel  # numpy and numba: 1 s
 
 LOG_EVERY_NS = 1_000_000_000
 """Of the log that the engine puts into the journal."""
@@ -174,7 +174,7 @@ class OnlineCorrection(SessionTask):
         if version == self._version or not version:
             return
         self._version = version
-        from drivers.kuka_rsi.cyclic.online_model import OnlineModel
+        from drivers.kuka_rsi.cyclic.online_model import OnlineModel  # numpy and numba: 1 s
 
         try:
             last = self._model.last_rad if self._model else None

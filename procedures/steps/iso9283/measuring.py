@@ -97,7 +97,7 @@ class Planned(StepResult):
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.iso9283.planning import planned
+    from procedures.steps.iso9283.planning import planned  # it imports the inputs of this module's steps
 
     if {"edge", "centre", "reflectors"} <= known.keys():
         planned(context, known["edge"], known["centre"], known["reflectors"])
@@ -110,7 +110,11 @@ def _passes(known: Mapping[str, Any]) -> int:
 @step("iso9283.plan", check=_check_plan, title="planning the cube", expects=_passes)
 async def plan(context: StepContext, inputs: PlanInputs) -> Planned:
     """Find the ISO cube in the workspace, the reflectors visible at its five points, and plan the cycles."""
-    from procedures.steps.iso9283.planning import cube_rounds, cube_row, planned
+    from procedures.steps.iso9283.planning import (  # it imports the inputs of this module's steps
+        cube_rounds,
+        cube_row,
+        planned,
+    )
 
     cube = await context.clock.compute(planned, context, inputs.edge, inputs.centre, inputs.reflectors)
     await context.record(cube_row(cube))
@@ -128,7 +132,7 @@ class Compensation(StepResult):
 @step("iso9283.compensate", title="compensating the five points", expects=_passes)
 async def compensate(context: StepContext, inputs: CycleInputs) -> Compensation:
     """Compensate the five points by the model that was read, and write their table into the run folder."""
-    from procedures.steps.iso9283.planning import compensated
+    from procedures.steps.iso9283.planning import compensated  # it imports the inputs of this module's steps
 
     models = context.recorded(ReadModelRow)
     if not models:
@@ -143,7 +147,7 @@ async def compensate(context: StepContext, inputs: CycleInputs) -> Compensation:
 @step("iso9283.register", title="registering the base frame")
 async def register(context: StepContext, inputs: NoInputs) -> None:
     """Find the instrument's place from the registration poses, which are not judged."""
-    from procedures.steps.iso9283.evaluation import station_row
+    from procedures.steps.iso9283.evaluation import station_row  # it imports the inputs of this module's steps
 
     await context.record(await context.clock.compute(station_row, context))
 
@@ -197,7 +201,7 @@ async def measure(context: StepContext, inputs: VisitInputs) -> Measured:
 @step("iso9283.evaluate", title="computing the figures")
 async def evaluate(context: StepContext, inputs: NoInputs) -> None:
     """Register the base on the registration poses, and compute AP, RP, vAP, AD and RD before and after."""
-    from procedures.steps.iso9283.evaluation import evaluated
+    from procedures.steps.iso9283.evaluation import evaluated  # it imports the inputs of this module's steps
 
     registration, rows = await context.clock.compute(evaluated, context)
     for row in (registration, *rows):
@@ -214,7 +218,7 @@ class JudgeInputs(StepInputs):
 @step("iso9283.judge", needs={"robot": TableStore}, verdict=IsoVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """State the figures; withdraw a table by which the five points are not better."""
-    from procedures.steps.iso9283.evaluation import verdict_of
+    from procedures.steps.iso9283.evaluation import verdict_of  # it imports the inputs of this module's steps
 
     found = await context.clock.compute(verdict_of, context, inputs.transfer_percent, inputs.reflectors)
     found = await withdrawn_unless_better(context, found)

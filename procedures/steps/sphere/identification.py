@@ -23,6 +23,7 @@ from cellctl.formats.artefact import Artefact
 from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, TableStateRow
+from cellctl.report.fit import FitStory, identification_rows
 from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
 from procedures.steps.sphere.reference_touches import drift_figures, drift_of
 from procedures.steps.sphere.rows import (
@@ -40,8 +41,6 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
 
     Raises InputError if they do not allow an identification.
     """
-    from cellctl.report.fit import FitStory, identification_rows  # imports much: not on the engine's loop
-
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
     touches, drift = context.recorded(TouchRow), drift_of(context)

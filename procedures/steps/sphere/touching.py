@@ -142,7 +142,7 @@ def _planned(known: Mapping[str, Any]) -> int:
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.sphere.planning import check_plan
+    from procedures.steps.sphere.planning import check_plan  # it imports the inputs of this module's steps
 
     if "spheres" in known:
         check_plan(context, known, _names(known["spheres"]))
@@ -151,7 +151,10 @@ def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("sphere.plan", check=_check_plan, title="planning touches", expects=_planned)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
-    from procedures.steps.sphere.planning import assumption, planned_touches
+    from procedures.steps.sphere.planning import (  # it imports the inputs of this module's steps
+        assumption,
+        planned_touches,
+    )
 
     touches = await context.clock.compute(
         planned_touches, context, inputs.fit, inputs.held_out, inputs.names, inputs.reference_every

@@ -36,7 +36,7 @@ class PlanInputs(StepInputs):
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.tool.solving import check_plan
+    from procedures.steps.tool.solving import check_plan  # it imports the inputs of this module's steps
 
     check_plan(context, known)
 
@@ -48,7 +48,7 @@ def _planned(known: Mapping[str, Any]) -> int:
 @step("tool.plan", check=_check_plan, title="planning touches", expects=_planned)
 async def plan(context: StepContext, inputs: PlanInputs) -> ToolPlan:
     """Plan touches on one sphere with several tool orientations, by ways clear of all spheres."""
-    from procedures.steps.tool.solving import planned_touches
+    from procedures.steps.tool.solving import planned_touches  # it imports the inputs of this module's steps
 
     touches = await context.clock.compute(
         planned_touches, context, inputs.sphere, inputs.orientations, inputs.held_out, inputs.touches
@@ -104,7 +104,10 @@ class Solved(StepResult):
 @step("tool.solve_touches", verdict=ToolVerdict, title="solving for the tool")
 async def solve_touches(context: StepContext, inputs: NoInputs) -> Solved:
     """Find tool and sphere centre from the touches, judge the tool on held-out orientations, write `tool.yaml`."""
-    from procedures.steps.tool.solving import record_solution, tool_of_touches
+    from procedures.steps.tool.solving import (  # it imports the inputs of this module's steps
+        record_solution,
+        tool_of_touches,
+    )
 
     return await record_solution(context, await context.clock.compute(tool_of_touches, context))
 
@@ -133,6 +136,9 @@ async def read_pose(context: StepContext, inputs: PoseInputs) -> ReadPose:
 @step("tool.solve_poses", verdict=ToolVerdict, title="solving for the tool")
 async def solve_poses(context: StepContext, inputs: NoInputs) -> Solved:
     """Find tool and point from the poses, judge the tool on each pose by the others, write `tool.yaml`."""
-    from procedures.steps.tool.solving import record_solution, tool_of_poses
+    from procedures.steps.tool.solving import (  # it imports the inputs of this module's steps
+        record_solution,
+        tool_of_poses,
+    )
 
     return await record_solution(context, await context.clock.compute(tool_of_poses, context))

@@ -20,6 +20,7 @@ from cellctl.formats.measurements import Kind, ModelChoice
 from cellctl.kinematics import Floats, inverse_pose
 from cellctl.procedure import StepContext
 from cellctl.records import Figures
+from cellctl.report.fit import FitStory, identification_rows
 from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
 from procedures.steps.tracker.reflectors import measured_place, measured_pose, plate_of
 from procedures.steps.tracker.rows import (
@@ -82,8 +83,6 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     Poses that were measured while the station moved belong to no session and are left out. Raises InputError if the
     rest does not allow an identification.
     """
-    from cellctl.report.fit import FitStory, identification_rows  # imports much: not on the engine's loop
-
     robot = RobotFile.load(context.robot_file)
     data, ambiguous = pose_data(context)
     measure: Kind = "pose" if data.has("QW") else "position"
@@ -188,8 +187,6 @@ def registered_model(context: StepContext) -> Found:
     Only the base is found anew, from the poses of the set `fit`: the robot is as it was identified. Raises InputError
     if the poses scatter about the model far more than its σ and the instrument's allow.
     """
-    from cellctl.report.fit import FitStory, identification_rows  # imports much: not on the engine's loop
-
     robot, read = RobotFile.load(context.robot_file), context.recorded(ReadModelRow)[-1]
     prior = ModelFile.load(context.artefact(MODEL_FILE))
     data, ambiguous = pose_data(context)

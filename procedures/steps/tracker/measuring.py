@@ -148,7 +148,7 @@ class Measured(StepResult):
 
 def _check_currents(context: CellContext, known: Mapping[str, Any]) -> None:
     """Raise InputError for an error in the cell file's `currents:`."""
-    from procedures.steps.tracker.station import robot_of
+    from procedures.steps.tracker.station import robot_of  # it imports the inputs of this module's steps
 
     if "currents" not in context.cell.data:
         return
@@ -213,7 +213,10 @@ async def measured_fields(
     context: StepContext, pose: PosePlan, joints: JointReadings, settling: Settling
 ) -> dict[str, Any]:
     """Measure the reflector of `pose` with the robot at `joints`: the fields of a `VisitedRow`."""
-    from procedures.steps.tracker.station import reflector_at, seen_from_instrument
+    from procedures.steps.tracker.station import (  # it imports the inputs of this module's steps
+        reflector_at,
+        seen_from_instrument,
+    )
 
     currents = await _currents(context, len(joints))
     place = seen_from_instrument(context, reflector_at(context, pose.reflector, _array(joints))[0])
@@ -237,8 +240,11 @@ async def measured_plate(
     context: StepContext, fields: Mapping[str, Any], count: int, settling: Settling
 ) -> tuple[MeasuredPoint, ...]:
     """Measure the plate's reflectors 2 to `count` after the first. Raises NestsDisagree if they do not fit it."""
-    from procedures.steps.tracker.reflectors import check_plate
-    from procedures.steps.tracker.station import reflector_at, seen_from_instrument
+    from procedures.steps.tracker.reflectors import check_plate  # it imports the inputs of this module's steps
+    from procedures.steps.tracker.station import (  # it imports the inputs of this module's steps
+        reflector_at,
+        seen_from_instrument,
+    )
 
     joints = _array(fields["joints"])
     points = []

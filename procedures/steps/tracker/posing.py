@@ -79,7 +79,7 @@ class Plan(StepResult):
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.tracker.pose_planning import planned_rounds
+    from procedures.steps.tracker.pose_planning import planned_rounds  # it imports the inputs of this module's steps
 
     if {"fit", "held_out", "monuments_every", "from_both", "reflectors", "pose_file"} <= known.keys():
         planned_rounds(context, PlanInputs.model_validate(dict(known)), None)
@@ -94,8 +94,8 @@ def _passes(known: Mapping[str, Any]) -> int:
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan quasi-random poses, or take them from a file: visible, clear of floor and arm, in random order, each
     approached from a stated side."""
-    from procedures.steps.tracker.pose_planning import planned_rounds
-    from procedures.steps.tracker.station import base_from_instrument
+    from procedures.steps.tracker.pose_planning import planned_rounds  # it imports the inputs of this module's steps
+    from procedures.steps.tracker.station import base_from_instrument  # it imports the inputs of this module's steps
 
     station = base_from_instrument(context)
     rounds = await context.clock.compute(planned_rounds, context, inputs, station)
@@ -128,7 +128,7 @@ class PlanTargetsInputs(StepInputs):
 
 def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:
     """Whether a model is read is not known yet: as many poses as are needed in any case."""
-    from procedures.steps.tracker.pose_planning import planned_targets
+    from procedures.steps.tracker.pose_planning import planned_targets  # it imports the inputs of this module's steps
 
     check_method(context, known)
     if {"fit", "registration", "targets", "target_file"} <= known.keys():
@@ -147,7 +147,7 @@ def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:
 async def plan_targets(context: StepContext, inputs: PlanTargetsInputs) -> Plan:
     """Plan the targets, or take them from a file, with the poses that identify or register the model; name those that
     cannot be measured or compensated."""
-    from procedures.steps.tracker.pose_planning import planned_targets
+    from procedures.steps.tracker.pose_planning import planned_targets  # it imports the inputs of this module's steps
 
     found = await context.clock.compute(planned_targets, context, inputs, read_model(context))
     await context.record(found.row)

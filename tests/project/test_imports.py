@@ -1,0 +1,117 @@
+"""Where imports stand: at the top, but for the verbs, the families of steps, and what a comment gives a reason for."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cell_runs import CELL, ROOT, touches_procedure
+
+import cellctl
+from cellctl.cli.verbs import VERBS
+
+PACKAGES = ("cellctl", "drivers", "procedures", "sims")
+MOST_IN_FUNCTIONS = 150
+SLOW = ("numpy", "scipy", "rich", "cellctl.calibration", "cellctl.formats")
+
+
+def imports_in_functions() -> dict[str, str]:
+    """Place → its line, of each import inside a function."""
+    found = {}
+    for file in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
+        lines = file.read_text(encoding="utf-8").splitlines()
+        for function in ast.walk(ast.parse("\n".join(lines))):
+            if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
+                for node in ast.walk(function):
+                    if isinstance(node, ast.Import | ast.ImportFrom):
+                        place = f"{file.relative_to(ROOT)}:{node.lineno}"
+                        found[place] = "\n".join(lines[node.lineno - 1 : node.end_lineno])
+    return found
+
+
+def test_few_imports_stand_in_functions_and_each_has_its_reason_beside_it():
+    found = imports_in_functions()
+    without = {place: line for place, line in found.items() if "#" not in line and "cellctl/cli/main.py" not in place}
+    assert without == {}, "a comment on the line says why it is not at the top; main.py has one comment for all"
+    assert len(found) <= MOST_IN_FUNCTIONS
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_a_verb_is_where_the_table_says_with_that_help(name):
+    verb = VERBS[name]
+    found = getattr(importlib.import_module(f"cellctl.cli.{verb.module}"), verb.name)
+    text = inspect.getdoc(found) if inspect.isfunction(found) else found.info.help
+    assert text.split("\n\n")[0].replace("\n", " ") == verb.help
+
+
+def test_the_names_that_are_loaded_at_first_use_are_stated_for_type_checkers_too():
+    stub = ast.parse(Path(cellctl.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imported = {
+        alias.asname or alias.name for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+    assigned = {node.target.id for node in stub.body if isinstance(node, ast.AnnAssign)}
+    assert {name for name in imported | assigned if name != "__all__"} == set(cellctl.__all__)
+    for name in cellctl.__all__:
+        assert getattr(cellctl, name) is not None
+
+
+@pytest.mark.parametrize("words", [["--help"], ["status"], ["pause"], ["abort"]])
+def test_a_verb_that_only_asks_or_stops_imports_nothing_slow(words, tmp_path):
+    code = (
+        "import json, sys; sys.argv = ['cellctl', *sys.argv[1:]]\n"
+        "from cellctl.cli.main import main\n"
+        "try: main()\n"
+        "finally: print(json.dumps(sorted(sys.modules)), file=sys.stderr)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, cwd=tmp_path)
+    loaded = json.loads(ended.stderr.splitlines()[-1])
+    assert "cellctl.cli.verbs" in loaded
+    assert [name for name in SLOW if name in loaded] == []
+
+
+BETWEEN = """
+import sys
+from pathlib import Path
+import cellctl.operations.launch as launch
+from cellctl.cli.verbs import app
+run_on, roots = launch.run_on, ("cellctl", "drivers", "procedures", "numpy", "scipy")
+async def watched(*given):
+    before = set(sys.modules)
+    try:
+        return await run_on(*given)
+    finally:
+        new = sorted(name for name in set(sys.modules) - before if name.split(".")[0] in roots)
+        Path("imported").write_text(" ".join(new))
+launch.run_on = watched
+app(sys.argv[1:], standalone_mode=False)
+"""
+
+
+@pytest.mark.campaign
+def test_a_run_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its_end(tmp_path):
+    touches = touches_procedure(tmp_path)
+    words = ["run", str(touches), "--cell", str(CELL), "--runs", str(tmp_path)]
+    subprocess.run([sys.executable, "-c", BETWEEN, *words], cwd=tmp_path, check=False, capture_output=True)
+    assert (tmp_path / "imported").read_text() == ""
+
+
+@pytest.mark.long
+@pytest.mark.campaign
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["sphere_selfcal", "--set", "touches_fit=24", "--set", "touches_test=6", "--set", "standoff_targets=4"],
+        ["tracker_calibration"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_whole_campaign_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its_end(words, tmp_path):
+    code = [sys.executable, "-c", BETWEEN, "run", *words, "--runs", str(tmp_path)]
+    subprocess.run(code, cwd=tmp_path, check=False, capture_output=True)
+    assert (tmp_path / "imported").read_text() == ""
