@@ -135,7 +135,7 @@ def restarting(monkeypatch, after_ms):
 
 SIGNALLED = """
 import asyncio, os, signal, sys
-from cellctl.operations import connected
+from cellctl.operations import cell_devices as connected
 opened = connected.open_devices
 
 def signalled(device):
