@@ -22,7 +22,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.operations.cell_devices import as_loaded, require_cells, require_files, send_files, simulator_command
-from cellctl.operations.doctor import Examined, examine
+from cellctl.operations.doctor import Examined, examination
 
 _WIDTH = 120
 
@@ -41,16 +41,14 @@ def doctor(cell: arguments.Cell, seed: arguments.Seed = None, json_: arguments.J
     drivers = DriverRegistry()
     loaded = Cell.load(cell, drivers)
     show_warnings(loaded)
-    found = asyncio.run(examine(loaded, drivers, seed))
+    found = asyncio.run(examination(loaded, drivers, seed))
     if json_ != "-":
-        _show(found)
-    devices = [one.dump() for one in found]
-    healthy = all(one.healthy for one in found)
-    write_json({"cell": loaded.name, "simulated": loaded.simulated, "healthy": healthy, "devices": devices}, json_)
-    for one in found:
+        _show(found.devices)
+    write_json(found.to_json(), json_)
+    for one in found.devices:
         if not one.healthy:
             typer.echo(f"cellctl: {one.name}: {one.what}\n    {one.cure}", err=True)
-    if not healthy:
+    if not found.healthy:
         raise typer.Exit(Exit.DEVICE_FAILED)
 
 

@@ -25,6 +25,7 @@ from cellctl.cli.run_progress import (
 from cellctl.files import InputError, Problem
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.launch import Options, PreparedRun, new_run, parent_of_run, run_to_resume
+from cellctl.operations.run_control import failing_into
 
 
 def check(
@@ -88,7 +89,7 @@ def run(
 
     to_stdout = json_ == "-"
     asking = ConfirmingAtTerminal if interactive() and not to_stdout else None
-    with adding(NOTHING_MOVED):
+    with failing_into((folder or resume) if detached else None), adding(NOTHING_MOVED):
         _refuse_options(resume, acknowledge, seed, clock)
         refuse_outputs({"--json": json_}, [procedure, cell])
         campaign = load_campaign(
@@ -106,7 +107,11 @@ def run(
             prepared = PreparedRun(campaign, folder, options) if folder else new_run(campaign, runs, options)
     if prepared.table:
         typer.echo(f"cellctl: {prepared.table}", err=True)
-    with adding(NOTHING_MOVED), progress(campaign, prepared.folder, quiet=to_stdout) as watcher:
+    with (
+        failing_into(prepared.folder if detached else None),
+        adding(NOTHING_MOVED),
+        progress(campaign, prepared.folder, quiet=to_stdout) as watcher,
+    ):
         outcome, result = prepared.carry_out(watcher)
     show_end(outcome, result, prepared.folder, quiet=to_stdout)
     keep_json(result, json_, prepared.folder)

@@ -8,7 +8,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
@@ -17,10 +16,10 @@ from typing import IO, Any, Literal, TypeAlias, final
 
 from cellctl.clock import calendar_time
 from cellctl.operations.failure import ABORTED, Failure
+from cellctl.operations.worker import WORKER
 
 State: TypeAlias = Literal["waiting", "running", "done", "failed", "cancelled"]
 
-WORKER = (sys.executable, "-P", "-m", "cellctl.console.worker")
 AT_ONCE = 2
 """Computing jobs at once; others wait."""
 
@@ -201,7 +200,7 @@ class Jobs:
         target: str = "",
         computes: bool = True,
     ) -> Job:
-        """Start an operation of `cellctl.console.worker.OPERATIONS` with a JSON `request`, in the event loop.
+        """Start an operation of `cellctl.operations.worker.OPERATIONS` with a JSON `request`, in the event loop.
 
         computes: it may wait until a processor is free. False for one that talks to devices: it starts at once.
         """

@@ -16,7 +16,7 @@ from cellctl.devices.cell import Cell
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME
-from cellctl.operations.checking import json_of_verb
+from cellctl.operations.worker import OperationFailed, result_of
 
 DeviceWord = Literal["in order", "failed", "not known"]
 
@@ -135,16 +135,17 @@ def is_on(state: RunState, cell_text: str) -> bool:
 
 
 async def examine_cell(cell: Path, runs: Path) -> dict[str, Any]:
-    """Examine the cell's devices by `cellctl doctor` in a process of its own; nothing moves; `runs` keeps the result.
+    """Examine the cell's devices as `cellctl doctor` does, in another process; nothing moves; `runs` keeps the result.
 
     Raises InputError if a run is active on the cell, or for errors in the cell file.
     """
     if active := run_on(cell, runs):
         what = f"run {active} is active on this cell, and holds its devices"
         raise InputError(Problem(str(cell), 0, 0, what, "examine the cell when the run has ended"))
-    found, said = await json_of_verb("doctor", ["--json=-", "--", str(cell)])
-    if found is None:
-        raise InputError(Problem(str(cell), 0, 0, said or "the examination ended without a result"))
+    try:
+        found = await result_of("examine", {"cell": str(cell)})
+    except OperationFailed as error:
+        raise InputError(error.failure.problems, error.failure.note) from error
     result = {**found, "at": calendar_time()}
     file = _doctor_file(found["cell"], runs)
     file.parent.mkdir(parents=True, exist_ok=True)

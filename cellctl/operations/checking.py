@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import re
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, final
@@ -15,7 +12,9 @@ from typing import Any, Literal, final
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem, load_yaml
+from cellctl.operations.campaign import load_campaign
 from cellctl.operations.shipped import shipped_names
+from cellctl.operations.worker import OperationFailed, result_of
 from cellctl.procedure import (
     Confirm,
     Parameter,
@@ -27,31 +26,6 @@ from cellctl.procedure import (
     walk,
 )
 from cellctl.procedure.check import lacking
-
-
-async def json_of_verb(verb: str, words: Sequence[str]) -> tuple[dict[str, Any] | None, str]:
-    """The JSON that `cellctl VERB WORDS` prints (None: it prints none), and its messages on stderr.
-
-    words: `--json=-` among them. If this call is cancelled, the process is ended.
-    """
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", "cellctl", verb, *words),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    try:
-        out, errors = await process.communicate()
-    except asyncio.CancelledError:
-        process.terminate()
-        await process.wait()
-        raise
-    said = errors.decode(errors="replace").strip().removeprefix("cellctl: ")
-    try:
-        return json.loads(out), said
-    except ValueError:
-        return None, said
-
 
 _OWN_FOLDERS = (".", "procedures", "cells")
 """Folders below the working folder in which a user's own procedures and cells are found."""
@@ -99,6 +73,10 @@ class Checked:
     warnings: tuple[Problem, ...] = ()
     cell: str = ""
     devices: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
 
 
 def choices(kind: Literal["procedure", "cell"], named: Path | None = None) -> dict[str, FileChoice]:
@@ -160,18 +138,24 @@ def setting_problem(procedure: Procedure, name: str, text: str) -> Problem | Non
     return None
 
 
-async def check(procedure: Path, cell: Path | None, settings: Sequence[str], runs: Path = Path("runs")) -> Checked:
-    """All errors of a procedure with its cell and settings, found by `cellctl check` in a process of its own.
+def checked(procedure: Path, cell: Path | None, settings: Sequence[str], runs: Path = Path("runs")) -> Checked:
+    """All errors of a procedure with its cell and settings. It opens no device, and nothing moves."""
+    try:
+        campaign = load_campaign(procedure, cell, list(settings), runs=runs)
+    except InputError as error:
+        return Checked(tuple(error.problems))
+    return Checked((), campaign.cell.warnings, campaign.cell.name, tuple(sorted(campaign.cell.addresses)))
 
-    The check computes for seconds (it tries what the steps would refuse); it opens no device, and nothing moves.
-    """
-    options = [f"--runs={runs}", *([f"--cell={cell}"] if cell else [])]
-    words = [*options, *(f"--set={setting}" for setting in settings), "--json=-", "--", str(procedure)]
-    data, said = await json_of_verb("check", words)
-    if data is None:
-        return Checked((Problem(str(procedure), 0, 0, said or "the check ended without a result"),))
-    problems, warnings = (tuple(Problem(**one) for one in data.get(name, [])) for name in ("mistakes", "warnings"))
-    return Checked(problems, warnings, data.get("cell", ""), tuple(data.get("devices", ())))
+
+async def check(procedure: Path, cell: Path | None, settings: Sequence[str], runs: Path = Path("runs")) -> Checked:
+    """As `checked`, in a process of its own: it tries what the steps would refuse, which takes seconds."""
+    request = {"procedure": str(procedure), "cell": str(cell or ""), "settings": list(settings), "runs": str(runs)}
+    try:
+        found = await result_of("check", request)
+    except OperationFailed as error:
+        return Checked(error.failure.problems)
+    problems, warnings = (tuple(Problem(**one) for one in found[name]) for name in ("problems", "warnings"))
+    return Checked(problems, warnings, found["cell"], tuple(found["devices"]))
 
 
 def line_of(problem: Problem) -> str:

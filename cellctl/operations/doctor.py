@@ -12,7 +12,7 @@ from cellctl.clock import Clock
 from cellctl.devices import CellIO, Device, DeviceError, DeviceUnreachable, Health, Identity
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
-from cellctl.operations.cell_devices import DeviceLocks, open_devices, powered, tell_targets
+from cellctl.operations.cell_devices import DeviceLocks, open_devices, powered, require_cells, tell_targets
 
 _ANSWER_S = 30.0
 """Longest wait for one device, in the cell's time."""
@@ -80,6 +80,32 @@ class Examined:
             "what": self.what,
             "cure": self.cure,
         }
+
+
+@final
+@dataclass(frozen=True)
+class Examination:
+    """A cell's devices, examined one by one."""
+
+    cell: str
+    simulated: bool
+    devices: tuple[Examined, ...]
+
+    @property
+    def healthy(self) -> bool:
+        """Whether every device answered, and reports that it is in order."""
+        return all(one.healthy for one in self.devices)
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON has it."""
+        devices = [one.dump() for one in self.devices]
+        return {"cell": self.cell, "simulated": self.simulated, "healthy": self.healthy, "devices": devices}
+
+
+async def examination(cell: Cell, drivers: DriverRegistry, seed: int | None = None) -> Examination:
+    """Every device of the cell, examined (see `examine`)."""
+    require_cells()
+    return Examination(cell.name, cell.simulated, await examine(cell, drivers, seed))
 
 
 async def examine(cell: Cell, drivers: DriverRegistry, seed: int | None = None) -> tuple[Examined, ...]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import shutil
 import subprocess
 import sys
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -16,19 +18,18 @@ from cellctl.clock import Clock, WallClock
 from cellctl.devices.cell import Cell, ClockMode
 from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import ActionName, MailboxFolder, Operator
-from cellctl.files import InputError, Problem
+from cellctl.files import InputError, Problem, write_atomically
 from cellctl.journal import JournalError, OperatorAction, RunState, fold, last_number, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME
 from cellctl.operations.cell_devices import refuse_in_use
-from cellctl.operations.checking import check
-from cellctl.operations.run_folder import OUTPUT_NAME, new_run_folder
+from cellctl.operations.failure import Failure
+from cellctl.operations.run_folder import FAILURE_NAME, OUTPUT_NAME, new_run_folder
 from cellctl.procedure import load_procedure
 
 _BEGIN_PATIENCE_S = 180.0
 """Wall time for the checks and the start of the simulators. If the process ends, the wait ends at once."""
 
 _LOOK_EVERY_S = 0.1
-_MOST_OUTPUT = 4000
 
 
 @final
@@ -70,11 +71,10 @@ async def start_detached(order: RunOrder, runs: Path, operator: str) -> Path:
     folder = new_run_folder(runs.absolute(), load_procedure(order.procedure).name or "run")
     process = _started(folder, [f"--folder={folder}", f"--operator={operator}", *order.arguments()])
     if not await _begun(process, folder, 0):
-        said = _output(folder)
+        failure = _failure(folder, process)
         shutil.rmtree(folder, ignore_errors=True)
         await asyncio.to_thread(order.refuse_in_use)
-        problems = (await check(order.procedure, order.cell, order.settings, runs)).problems
-        raise InputError(problems or Problem(str(order.procedure), 0, 0, f"the run did not begin: {said}"))
+        raise InputError(failure.problems)
     return folder
 
 
@@ -97,7 +97,7 @@ async def resume_detached(folder: Path, operator: str, *, acknowledged: bool) ->
     process = _started(folder, [*resumed, f"--operator={operator}", *order.arguments()])
     if not await _begun(process, folder, seen):
         await asyncio.to_thread(order.refuse_in_use)
-        raise InputError(Problem(folder.name, 0, 0, f"the run did not continue: {_output(folder)}"))
+        raise InputError(_failure(folder, process).problems)
 
 
 def question_of(folder: Path) -> str:
@@ -113,6 +113,7 @@ def _state_of(folder: Path) -> RunState:
 
 def _started(folder: Path, arguments: list[str]) -> subprocess.Popen[bytes]:
     """`cellctl run` with a session of its own; a thread waits for its end, so that it leaves no zombie."""
+    (folder / FAILURE_NAME).unlink(missing_ok=True)
     command = [sys.executable, "-P", "-m", "cellctl", "run", "--detached", *arguments]
     with (folder / OUTPUT_NAME).open("ab") as output:
         process = subprocess.Popen(
@@ -145,13 +146,24 @@ def _last(folder: Path) -> int:
         return 0
 
 
-def _output(folder: Path) -> str:
-    """The end of what the process printed."""
+def _failure(folder: Path, process: subprocess.Popen[bytes]) -> Failure:
+    """Why the process in `folder` ended before the run began, from the file that it left."""
     try:
-        text = (folder / OUTPUT_NAME).read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return "it printed nothing"
-    return text[-_MOST_OUTPUT:].strip().removeprefix("cellctl: ") or "it printed nothing"
+        return Failure.from_json(json.loads((folder / FAILURE_NAME).read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError):  # it was killed, or the disk is full
+        return Failure.internal(f"the run's process ended with {process.returncode}; see {OUTPUT_NAME} in {folder}")
+
+
+@contextmanager
+def failing_into(folder: Path | None) -> Iterator[None]:
+    """What the body raises is left in `folder`, of a detached run, for the process that started it."""
+    try:
+        yield
+    except Exception as error:
+        if folder and folder.is_dir():
+            with suppress(OSError):
+                write_atomically(folder / FAILURE_NAME, json.dumps(Failure.of(error).to_json()))
+        raise
 
 
 _ACTION_PATIENCE_S = 15.0

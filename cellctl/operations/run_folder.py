@@ -17,11 +17,14 @@ SIMULATOR_MEMORY = "simulated_cell.json"
 """File in the run folder that stores a simulated robot's position for a resumed run."""
 
 
+FAILURE_NAME = "failure.json"
+"""Why a detached run did not begin or continue: a `Failure` as JSON, for the process that started it."""
+
 OUTPUT_NAME = "output.txt"
 """File in the run folder with the output of a run that no terminal shows."""
 
 
-_BEFORE_THE_JOURNAL = {LOCK_NAME, SIMULATOR_MEMORY, OUTPUT_NAME}
+_BEFORE_THE_JOURNAL = {LOCK_NAME, SIMULATOR_MEMORY, OUTPUT_NAME, FAILURE_NAME}
 
 
 def never_began(folder: Path) -> bool:

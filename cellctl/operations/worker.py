@@ -1,11 +1,12 @@
-"""The process of a job: calls one operation of a fixed table; JSON in, lines of JSON out. Nothing is pickled.
+"""Computing in another process: one operation of a fixed table; JSON in, lines of JSON out; nothing is pickled.
 
-`python -P -m cellctl.console.worker OPERATION` reads the request, a JSON object, from stdin. Each line of its output is
-`{"doing": …, "share": …}` or `{"line": …}`; the last one is `{"result": …}` or `{"failure": …}`.
+`python -P -m cellctl.operations.worker OPERATION` reads the request, a JSON object, from stdin. Each line of its
+output is `{"doing": …, "share": …}` or `{"line": …}`; the last one is `{"result": …}` or `{"failure": …}`.
 """
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import os
@@ -22,19 +23,57 @@ Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
 """Takes the request and what reports a line; its result is JSON."""
 
 OPERATIONS: dict[str, str] = {
-    "act_on_table": "cellctl.console.worker_operations:act_on_table",
-    "compensate": "cellctl.console.worker_operations:compensate",
-    "export": "cellctl.console.worker_operations:export",
-    "fit": "cellctl.console.worker_operations:fit",
-    "look_at_table": "cellctl.console.worker_operations:look_at_table",
-    "replay": "cellctl.console.worker_operations:replay",
-    "report": "cellctl.console.worker_operations:report",
-    "understand": "cellctl.console.worker_operations:understand",
+    "act_on_table": "cellctl.operations.worker_operations:act_on_table",
+    "check": "cellctl.operations.worker_operations:check",
+    "compensate": "cellctl.operations.worker_operations:compensate",
+    "examine": "cellctl.operations.worker_operations:examine",
+    "export": "cellctl.operations.worker_operations:export",
+    "fit": "cellctl.operations.worker_operations:fit",
+    "look_at_table": "cellctl.operations.worker_operations:look_at_table",
+    "replay": "cellctl.operations.worker_operations:replay",
+    "report": "cellctl.operations.worker_operations:report",
+    "understand": "cellctl.operations.worker_operations:understand",
 }
 """Operation → `module:function`."""
 
+WORKER = (sys.executable, "-P", "-m", "cellctl.operations.worker")
+"""The command line of the process, without its operation."""
+
+_MOST_WORDS = 1000
+
 NICENESS = 10
 """A job computes with less priority than a run beside it."""
+
+
+class OperationFailed(Exception):
+    """An operation in another process failed."""
+
+    def __init__(self, failure: Failure) -> None:
+        self.failure = failure
+        super().__init__(str(failure))
+
+
+async def result_of(operation: str, request: Mapping[str, Any]) -> Any:
+    """The result of an operation of `OPERATIONS` with a JSON `request`, in a process of its own.
+
+    If this call is cancelled, the process is ended. Raises OperationFailed.
+    """
+    piped = asyncio.subprocess.PIPE
+    process = await asyncio.create_subprocess_exec(*WORKER, operation, stdin=piped, stdout=piped, stderr=piped)
+    try:
+        out, errors = await process.communicate(json.dumps(request).encode())
+    except asyncio.CancelledError:
+        process.terminate()
+        await process.wait()
+        raise
+    lines = out.splitlines()
+    last: dict[str, Any] = json.loads(lines[-1]) if lines else {}
+    if "result" in last:
+        return last["result"]
+    if "failure" in last:
+        raise OperationFailed(Failure.from_json(last["failure"]))
+    said = errors.decode(errors="replace").strip()
+    raise OperationFailed(Failure.internal(f"the process ended with {process.returncode}: {said[-_MOST_WORDS:]}"))
 
 
 def main(operations: Mapping[str, str] = OPERATIONS) -> int:

@@ -10,8 +10,8 @@ from typing import Any
 if __name__ == "__main__":
     sys.path.append(str(Path(__file__).parent))
 
-from cellctl.console.worker import Tell, main
 from cellctl.files import InputError, Problem
+from cellctl.operations.worker import Tell, main
 
 COMMAND = (sys.executable, "-P", __file__)
 
