@@ -115,3 +115,27 @@ def test_a_whole_campaign_imports_nothing_of_ours_numpy_or_scipy_between_connect
     code = [sys.executable, "-c", BETWEEN, "run", *words, "--runs", str(tmp_path)]
     subprocess.run(code, cwd=tmp_path, check=False, capture_output=True)
     assert (tmp_path / "imported").read_text() == ""
+
+
+BY_STRING = {
+    "cellctl/__init__.py": "the names of `import cellctl`",
+    "cellctl/cli/verbs.py": "a verb's module",
+    "cellctl/console/server.py": "pages and routers",
+    "cellctl/operations/cell_devices.py": "the simulators, a process",
+    "cellctl/operations/launch.py": "scipy, before a run connects",
+    "cellctl/operations/run_control.py": "a detached run, a process",
+    "cellctl/operations/worker.py": "operations in another process",
+    "cellctl/procedure/registry.py": "the modules of a family of steps, before a run connects",
+    "drivers/kuka_rsi/robot/rsi_process.py": "the RSI process",
+}
+"""Modules that import by a string, or start one of our programs by its name, and what; entry points apart."""
+
+
+def test_arrows_that_no_import_shows_are_listed():
+    found = set()
+    for file in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id
+            if called in {"import_module", "__import__"} or (isinstance(node, ast.Constant) and node.value == "-m"):
+                found.add(str(file.relative_to(ROOT)))
+    assert found == set(BY_STRING)
