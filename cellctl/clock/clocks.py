@@ -17,7 +17,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import ParamSpec, Protocol, Self, TypeVar, final
 
-from cellctl.clock.wires import CountedWire, UncountedWire, Wire
+from cellctl.clock._wires import CountedWire, UncountedWire, Wire
 
 
 def calendar_time() -> str:

@@ -4,9 +4,9 @@
 `with_zeros_and_frames` give the chain of a controller into which parameters are written.
 """
 
-from cellctl.compensation.compensating import Compensated, compensate
-from cellctl.compensation.corrections import METHODS, MappedErrors, PredictedErrors
-from cellctl.compensation.nearest_chain import with_frames, with_geometry, with_zeros_and_frames, zeros_of
+from cellctl.compensation._compensating import Compensated, compensate
+from cellctl.compensation._corrections import METHODS, MappedErrors, PredictedErrors
+from cellctl.compensation._nearest_chain import with_frames, with_geometry, with_zeros_and_frames, zeros_of
 from cellctl.compensation.postures import postures
 
 __all__ = [

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.calibration import RobotModel
-from cellctl.compensation.compensating import Compensated, compensate
+from cellctl.compensation._compensating import Compensated, compensate
 from cellctl.kinematics import Bools, Floats, SerialChain, inverse, pose, rotation_vector
 
 _ALIKE_MM = 0.01

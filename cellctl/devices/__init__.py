@@ -1,7 +1,7 @@
 """Protocols, addresses and errors of devices: the interface between campaigns and drivers."""
 
-from cellctl.devices.addresses import Address, DriverDescription, host_places, impossible_host, path_places
-from cellctl.devices.cell_io import (
+from cellctl.devices._addresses import Address, DriverDescription, host_places, impossible_host, path_places
+from cellctl.devices._cell_io import (
     CellIO,
     CellReadings,
     Conditions,
@@ -11,33 +11,9 @@ from cellctl.devices.cell_io import (
     Temperatures,
     VariableStore,
 )
-from cellctl.devices.correction import CorrectingRobot, CorrectionModel, CorrectionReport, CorrectionSample
-from cellctl.devices.errors import (
-    DeviceBusy,
-    DeviceError,
-    DeviceFault,
-    DeviceLost,
-    DeviceRefused,
-    DeviceUncertain,
-    DeviceUnreachable,
-    LimitExceeded,
-    NoContact,
-    NotLevelled,
-    OutOfRange,
-    ProbeNotOpen,
-    TargetLost,
-)
-from cellctl.devices.points import (
-    Lock,
-    Matrix3,
-    MeasuredPoint,
-    PointSource,
-    Reflector,
-    TwoFaceError,
-    Vector3,
-    Weather,
-)
-from cellctl.devices.protocols import (
+from cellctl.devices._correction import CorrectingRobot, CorrectionModel, CorrectionReport, CorrectionSample
+from cellctl.devices._points import Lock, Matrix3, MeasuredPoint, PointSource, Reflector, TwoFaceError, Vector3, Weather
+from cellctl.devices._protocols import (
     Contact,
     ContactProbe,
     Device,
@@ -56,6 +32,21 @@ from cellctl.devices.protocols import (
     Surroundings,
     acts,
     observes,
+)
+from cellctl.devices.errors import (
+    DeviceBusy,
+    DeviceError,
+    DeviceFault,
+    DeviceLost,
+    DeviceRefused,
+    DeviceUncertain,
+    DeviceUnreachable,
+    LimitExceeded,
+    NoContact,
+    NotLevelled,
+    OutOfRange,
+    ProbeNotOpen,
+    TargetLost,
 )
 from cellctl.devices.tables import (
     CompensatedRobot,

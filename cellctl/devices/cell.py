@@ -13,8 +13,8 @@ from typing import Annotated, Any, Literal, Self, final
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from cellctl.clock import Clock, WallClock
-from cellctl.devices.addresses import Address
-from cellctl.devices.protocols import Finding, Surroundings
+from cellctl.devices._addresses import Address
+from cellctl.devices._protocols import Finding, Surroundings
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.kinds import CELL

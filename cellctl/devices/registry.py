@@ -7,8 +7,8 @@ from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import final
 
-from cellctl.devices.addresses import Address, DriverDescription, places_of
-from cellctl.devices.protocols import Device, Finding, Surroundings
+from cellctl.devices._addresses import Address, DriverDescription, places_of
+from cellctl.devices._protocols import Device, Finding, Surroundings
 
 
 @final

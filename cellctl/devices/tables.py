@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol, final, runtime_checkable
 
+from cellctl.devices._protocols import Device, JointReadings, MovingRobot, SearchingRobot
 from cellctl.devices.errors import DeviceLost, DeviceRefused, DeviceUncertain
-from cellctl.devices.protocols import Device, JointReadings, MovingRobot, SearchingRobot
 
 
 @final

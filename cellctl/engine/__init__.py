@@ -1,10 +1,10 @@
 """The engine runs a procedure once, step by step, cleans up and writes the journal."""
 
-from cellctl.engine.context import Context, Plan, Surround
-from cellctl.engine.mailbox import Action, ActionName, Mailbox, MailboxFolder, Operator
-from cellctl.engine.recorder import NobodyWatching, Watcher
-from cellctl.engine.runner import Engine
-from cellctl.engine.states import ENDS, TRANSITIONS, Aborted, AbortedByInterlock, IllegalTransition, Outcome, State
+from cellctl.engine._context import Context, Plan, Surround
+from cellctl.engine._mailbox import Action, ActionName, Mailbox, MailboxFolder, Operator
+from cellctl.engine._recorder import NobodyWatching, Watcher
+from cellctl.engine._runner import Engine
+from cellctl.engine._states import ENDS, TRANSITIONS, Aborted, AbortedByInterlock, IllegalTransition, Outcome, State
 from cellctl.engine.status import Passes
 
 __all__ = [

@@ -3,10 +3,10 @@
 `import cellctl` offers these names. Results and errors are those of the command line: both call `cellctl.operations`.
 """
 
-from cellctl.facade.fits import Data, Robot, fit, read, robot
-from cellctl.facade.models import Model, Prediction, load
-from cellctl.facade.runs import Run, open_run
-from cellctl.facade.targets import CompensatedProgram, Compensation
+from cellctl.facade._fits import Data, Robot, fit, read, robot
+from cellctl.facade._models import Model, Prediction, load
+from cellctl.facade._runs import Run, open_run
+from cellctl.facade._targets import CompensatedProgram, Compensation
 from cellctl.files import InputError
 
 __all__ = [

@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from cellctl.files._strict_yaml import Document, Path
 from cellctl.files.plain_words import plain_words
 from cellctl.files.problems import InputError, Problem
-from cellctl.files.strict_yaml import Document, Path
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -2,13 +2,13 @@
 demand.
 """
 
+from cellctl.formats._prior import from_prior, only
 from cellctl.formats.artefact import Artefact, artefact_of, load_artefact
 from cellctl.formats.cell_sections import postures_of
 from cellctl.formats.dataset import DataSet, Rejected
 from cellctl.formats.fit_report import fit_report, sentence
 from cellctl.formats.measurements import Measurements, measurements, nominal_model
 from cellctl.formats.model import ModelFile
-from cellctl.formats.prior import from_prior, only
 from cellctl.formats.robot import RobotFile
 from cellctl.formats.table import TableFile, table_problems
 from cellctl.formats.table_making import compensated_targets, table_of

@@ -32,7 +32,7 @@ from cellctl.calibration.prediction.measured_region import OUTSIDE, Coverage
 from cellctl.calibration.residuals.residual_model import PostureBasis
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
-from cellctl.formats.joint_box import JointBox
+from cellctl.formats._joint_box import JointBox
 from cellctl.formats.load import LoadRegion
 from cellctl.formats.measurements import Measurements, nominal_model
 from cellctl.formats.robot import Number, RobotFile

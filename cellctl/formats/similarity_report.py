@@ -13,10 +13,10 @@ from cellctl.calibration import State
 from cellctl.calibration.estimation.identify import registered, rows_together
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.files import InputError, Problem
+from cellctl.formats._prior import from_prior
 from cellctl.formats.dataset import DataSet, Rejected
 from cellctl.formats.measurements import Measurements, measurements, refuse_alike
 from cellctl.formats.model import ModelFile
-from cellctl.formats.prior import from_prior
 from cellctl.formats.robot import RobotFile
 from cellctl.kinematics import Bools, Floats
 

@@ -1,5 +1,17 @@
 """The only record of a run: an append-only journal, committed event by event, and its folded state."""
 
+from cellctl.journal._reader import (
+    ReadableJournal,
+    is_being_written,
+    journal_in,
+    last_number,
+    read_journal,
+    run_place,
+    writer_of,
+)
+from cellctl.journal._result import PushedTable, RunResult
+from cellctl.journal._state import RecordedRow, RunState, StepState, fold
+from cellctl.journal._writer import Journal
 from cellctl.journal.events import (
     DeviceHealth,
     DevicesConnected,
@@ -22,18 +34,6 @@ from cellctl.journal.events import (
     StepStarted,
 )
 from cellctl.journal.journal_file import JournalError, Writer
-from cellctl.journal.reader import (
-    ReadableJournal,
-    is_being_written,
-    journal_in,
-    last_number,
-    read_journal,
-    run_place,
-    writer_of,
-)
-from cellctl.journal.result import PushedTable, RunResult
-from cellctl.journal.state import RecordedRow, RunState, StepState, fold
-from cellctl.journal.writer import Journal
 
 __all__ = [
     "DeviceHealth",

@@ -1,10 +1,8 @@
 """Kinematics of serial robots: tables and axes, forward and inverse, closed-form Jacobians, frames. mm and rad."""
 
-from cellctl.kinematics.arrays import Bools, Floats
-from cellctl.kinematics.chain import CONVENTIONS, Convention, SerialChain
-from cellctl.kinematics.controller_readings import JointMap
-from cellctl.kinematics.conversion import settled, to_craig, to_mdh, to_poe
-from cellctl.kinematics.frames import (
+from cellctl.kinematics._chain import CONVENTIONS, Convention, SerialChain
+from cellctl.kinematics._conversion import settled, to_craig, to_mdh, to_poe
+from cellctl.kinematics._frames import (
     abc_from_rotation,
     inverse_pose,
     pose,
@@ -14,6 +12,8 @@ from cellctl.kinematics.frames import (
     rotation_from_quaternion,
     rotation_vector,
 )
+from cellctl.kinematics.arrays import Bools, Floats
+from cellctl.kinematics.controller_readings import JointMap
 from cellctl.kinematics.geometry import AxisTable, JointAxis, Link, LinkTable, TableConvention
 from cellctl.kinematics.inverse import InverseResult, inverse
 

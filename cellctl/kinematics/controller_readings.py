@@ -12,8 +12,8 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cellctl.kinematics._chain import SerialChain
 from cellctl.kinematics.arrays import Floats
-from cellctl.kinematics.chain import SerialChain
 
 
 @final

@@ -18,8 +18,8 @@ from typing import Literal, NamedTuple, Self, TypeAlias, final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cellctl.kinematics._frames import inverse_pose, pose
 from cellctl.kinematics.arrays import Floats
-from cellctl.kinematics.frames import inverse_pose, pose
 
 
 class Motion(NamedTuple):

@@ -1,6 +1,6 @@
 """KRL, the language of KUKA controllers: files read without loss, points understood, values written."""
 
-from cellctl.krl.expressions import (
+from cellctl.krl._expressions import (
     Aggregate,
     Call,
     Expression,
@@ -11,10 +11,11 @@ from cellctl.krl.expressions import (
     Reference,
     references,
 )
-from cellctl.krl.frames import FrameChoice, MotionFrames, frame_values, motion_frames
-from cellctl.krl.grammar import aggregate_in, statements
-from cellctl.krl.krl_file import KrlFile
-from cellctl.krl.points import CARTESIAN, JOINTS, FrameData, Point, point_of, points_of
+from cellctl.krl._frames import FrameChoice, MotionFrames, frame_values, motion_frames
+from cellctl.krl._grammar import aggregate_in, statements
+from cellctl.krl._krl_file import KrlFile
+from cellctl.krl._points import CARTESIAN, JOINTS, FrameData, Point, point_of, points_of
+from cellctl.krl._tokens import Span
 from cellctl.krl.statements import (
     Assignment,
     Begin,
@@ -33,7 +34,6 @@ from cellctl.krl.statements import (
     Statement,
     Unknown,
 )
-from cellctl.krl.tokens import Span
 
 __all__ = [
     "CARTESIAN",

@@ -1,11 +1,11 @@
 """Which poses to measure next, and the way there."""
 
+from cellctl.planning._sample_finder import TargetOptions
+from cellctl.planning._target_sets import METHODS, Method, TargetSet, plan_targets
+from cellctl.planning._workspaces import JointRanges, TaskWorkspace
 from cellctl.planning.measuring_poses import Counts, MeasuringPoses, PoseOptions, Sight, plan_measuring_poses
-from cellctl.planning.sample_finder import TargetOptions
-from cellctl.planning.target_sets import METHODS, Method, TargetSet, plan_targets
 from cellctl.planning.touches import OutOfReach, PlannedTouch, RobotPostures, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Plate, Reach
-from cellctl.planning.workspaces import JointRanges, TaskWorkspace
 
 __all__ = [
     "METHODS",

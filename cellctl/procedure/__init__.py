@@ -1,6 +1,7 @@
 """Procedures: the steps of a campaign, read from a file and checked completely before any motion."""
 
-from cellctl.procedure.cell_check import CellContext, CellFiles, check_cell, expected_passes
+from cellctl.procedure._cell_check import CellContext, CellFiles, check_cell, expected_passes
+from cellctl.procedure._steps import AnyStepKind, NoInputs, StepContext, StepInputs, StepKind, StepResult, step
 from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters, inputs_of
 from cellctl.procedure.loader import load_procedure, read_procedure, resolve_parameters
 from cellctl.procedure.model import (
@@ -22,7 +23,6 @@ from cellctl.procedure.model import (
 )
 from cellctl.procedure.references import Expression, Reference, UnresolvedReference, resolve
 from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep, phase_titles, section_of
-from cellctl.procedure.steps import AnyStepKind, NoInputs, StepContext, StepInputs, StepKind, StepResult, step
 
 __all__ = [
     "Action",

@@ -9,6 +9,8 @@ from pydantic import ValidationError
 
 from cellctl.files import Document, InputError, Path, Problem
 from cellctl.files.plain_words import plain_words
+from cellctl.procedure._scope import NoSuchPart, Scope, Shape, Unreachable, element_of, kind_of_shape
+from cellctl.procedure._steps import AnyStepKind
 from cellctl.procedure.fields import Findings, did_you_mean, is_number
 from cellctl.procedure.loader import read_settings
 from cellctl.procedure.model import Action, If, Interlock, Loop, Procedure, Step
@@ -21,8 +23,6 @@ from cellctl.procedure.references import (
     resolve,
 )
 from cellctl.procedure.registry import BrokenSteps, StepRegistry, UnknownStep
-from cellctl.procedure.scope import NoSuchPart, Scope, Shape, Unreachable, element_of, kind_of_shape
-from cellctl.procedure.steps import AnyStepKind
 
 
 def missing_abilities(driver: type, protocol: type) -> list[str]:

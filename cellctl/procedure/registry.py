@@ -9,9 +9,9 @@ from pkgutil import walk_packages
 from types import ModuleType
 from typing import Self, final
 
+from cellctl.procedure._steps import AnyStepKind, StepKind
 from cellctl.procedure.fields import did_you_mean
 from cellctl.procedure.model import Action, If, Loop, Procedure, Step, walk
-from cellctl.procedure.steps import AnyStepKind, StepKind
 
 GROUP = "cellctl.steps"
 """The entry point group: name = the family of steps, value = the module that holds them."""

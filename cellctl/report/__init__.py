@@ -1,8 +1,8 @@
 """Reports a run as one self-contained HTML page, built from its folder alone: the same run gives the same bytes."""
 
+from cellctl.report._page import FILE_NAME, ReportSection, Sections, render, report_text, template_text, write_report
+from cellctl.report._run import Run
 from cellctl.report.budget import Contribution, Sigma
-from cellctl.report.page import FILE_NAME, ReportSection, Sections, render, report_text, template_text, write_report
-from cellctl.report.run import Run
 
 __all__ = [
     "FILE_NAME",

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, Self, final
 
-from cellctl.report.run import Run
+from cellctl.report._run import Run
 
 NOT_STATED = "not stated"
 

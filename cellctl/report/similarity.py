@@ -15,9 +15,9 @@ from cellctl.analysis import EmpiricalSemivariogram, Similarity
 from cellctl.files import write_atomically
 from cellctl.formats.similarity_report import p_text, result_sentences
 from cellctl.kinematics import Floats
+from cellctl.report._page import template
 from cellctl.report.drawing import ACCENT, BEFORE, FAINT, HELD_OUT, INK, svg_of
 from cellctl.report.figures import fixed
-from cellctl.report.page import template
 
 _COLOURS = {"x": ACCENT, "y": HELD_OUT, "z": BEFORE}
 _DRAWN, _BINS, _LEAST_PAIRS = 1500, 20, 5

@@ -1,9 +1,9 @@
 """Set-up errors: found, reported with evidence and cure, never repaired."""
 
-from cellctl.setup_check.check import SetupCheck, SetupError, check_setup
+from cellctl.setup_check._check import SetupCheck, SetupError, check_setup
+from cellctl.setup_check._spacing_errors import ScaleError, SpacingError, find_spacing_errors
+from cellctl.setup_check._wide_fit import OFF_MM, WideFit, WrongLength
 from cellctl.setup_check.hypothesis import Change, Source
-from cellctl.setup_check.spacing_errors import ScaleError, SpacingError, find_spacing_errors
-from cellctl.setup_check.wide_fit import OFF_MM, WideFit, WrongLength
 
 __all__ = [
     "OFF_MM",

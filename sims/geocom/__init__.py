@@ -1,5 +1,5 @@
 """The tracker: a laser station that speaks GeoCOM, on a serial line that is a pseudo-terminal."""
 
-from sims.geocom.description import SIMULATOR
+from sims.geocom._description import SIMULATOR
 
 __all__ = ["SIMULATOR"]

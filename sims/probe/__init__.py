@@ -1,5 +1,5 @@
 """The contact probe: a microcontroller that watches the loop, on a serial line that is a pseudo-terminal."""
 
-from sims.probe.description import SIMULATOR
+from sims.probe._description import SIMULATOR
 
 __all__ = ["SIMULATOR"]

@@ -2,7 +2,7 @@
 
 Readings in degrees as the controller counts them.
 
-No maker publishes these figures. A motor is chosen by the greatest moment about its axis (`sims.world.gravity`), which
+No maker publishes these figures. A motor is chosen by the greatest moment about its axis (`sims.world._gravity`), which
 it holds at 60 % of its rated current; friction is of the order measured on arms of this class.
 """
 
@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from math import degrees, pi, radians, sin
 from typing import final
 
+from sims.world._gravity import Body, Mass, levers, torques, turns
 from sims.world.errors import generator
-from sims.world.gravity import Body, Mass, levers, torques, turns
 from sims.world.kinematics import Axis, Vector
 
 GEAR_DEG = (0.005, 0.01)

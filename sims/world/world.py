@@ -14,10 +14,11 @@ import numpy as np
 from sims.cell import Artefact, SimCell
 from sims.conditions import REFERENCE_C, USUAL, Conditions, Payload
 from sims.robot_file import RobotFile
+from sims.world._gravity import GRAVITY_M_S2, Bending, Body, Compliance, Mass, drawn_body
+from sims.world._obstacles import Obstacles
 from sims.world.drives import Backlash, Gear, Motors, lagging
 from sims.world.environment import Ageing, Environment, Surroundings, expansions, grown
 from sims.world.errors import joint_zero_errors, tool_error, true_geometry
-from sims.world.gravity import GRAVITY_M_S2, Bending, Body, Compliance, Mass, drawn_body
 from sims.world.kinematics import (
     Arm,
     Chain,
@@ -31,7 +32,6 @@ from sims.world.kinematics import (
     pose,
     vector,
 )
-from sims.world.obstacles import Obstacles
 from sims.world.true_places import TrueSphere, true_plate_z, true_spheres
 
 ENCODER_DEG = 0.0005

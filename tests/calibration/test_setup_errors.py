@@ -18,8 +18,8 @@ from cellctl.calibration import PoseRows, PositionRows, RowBlocks, Session, Sock
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.kinematics import Link, SerialChain
 from cellctl.setup_check import WideFit, check_setup
+from cellctl.setup_check._mixed_units import mixed_units
 from cellctl.setup_check.hypothesis import Setup
-from cellctl.setup_check.mixed_units import mixed_units
 
 ROOT = Path(__file__).parents[2]
 KR5 = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")

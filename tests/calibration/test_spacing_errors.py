@@ -9,7 +9,7 @@ from own_campaigns import Campaign, certificate, nominal_of
 
 from cellctl.calibration import SpacingRows, Task, identify
 from cellctl.setup_check import find_spacing_errors
-from cellctl.setup_check.predicted_spacings import model_errors
+from cellctl.setup_check._predicted_spacings import model_errors
 
 
 def with_spacings(task, by):

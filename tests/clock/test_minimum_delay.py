@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.clock import MinimumDelayFit
-from cellctl.clock.minimum_delay import MAX_DRIFT
+from cellctl.clock._minimum_delay import MAX_DRIFT
 
 MS = 1_000_000
 OFFSET = 123_456_789_000

@@ -9,7 +9,7 @@ import pytest
 from live_journals import WrittenRun, registry
 
 from cellctl.console.live import LiveRun, Snapshot
-from cellctl.console.live.run import LogLine
+from cellctl.console.live._run import LogLine
 from cellctl.console.look import is_pausing, progress_of, sentence_of
 from cellctl.console.pages.run_parts import can_retry, rows_of
 from cellctl.console.pages.run_parts import text_of as line_text

@@ -11,7 +11,7 @@ from engine_runs import CALLS, LOOP, AttemptRow, DoubledRow, FakeDevice, FakeGat
 
 from cellctl.devices import DeviceLost, Health, NoContact
 from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, NobodyWatching, State
-from cellctl.engine.states import checked
+from cellctl.engine._states import checked
 from cellctl.journal import (
     DeviceHealth,
     Journal,

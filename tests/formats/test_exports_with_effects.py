@@ -7,8 +7,8 @@ import pytest
 from own_kinematics import forward_of_dh_table, forward_of_robot_file, forward_of_urdf
 from perturbed_models import library_robot, model_of
 
-from cellctl.calibration.effects.backlash import Backlash
-from cellctl.calibration.effects.compliance import JointCompliance
+from cellctl.calibration.effects._backlash import Backlash
+from cellctl.calibration.effects._compliance import JointCompliance
 from cellctl.cli.verbs import app
 from cellctl.formats.description import RobotDescription, robot_text
 from cellctl.formats.exports import Cost, fitted_geometry, measured_postures

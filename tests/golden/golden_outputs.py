@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from cellctl.operations.replay.run import close
+from cellctl.operations.replay._run import close
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

@@ -7,9 +7,9 @@ import numpy as np
 from simulated_devices import catalogue, read_fault
 
 from sims.faults import Faults
-from sims.geocom.accuracy import PROFILES
-from sims.geocom.instrument import Build
-from sims.geocom.server import LaserStation
+from sims.geocom._accuracy import PROFILES
+from sims.geocom._instrument import Build
+from sims.geocom._server import LaserStation
 
 MS, S = 1_000_000, 1_000_000_000
 

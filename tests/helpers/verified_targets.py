@@ -14,7 +14,7 @@ from tracker_truth import Truth
 from cellctl.journal import RunState, fold, read_journal
 from cellctl.kinematics import Floats
 from cellctl.metrology.error_figures import FloorRatio, floor_ratio
-from procedures.steps.tracker.judging import Targets
+from procedures.steps.tracker._judging import Targets
 from procedures.steps.tracker.rows import CompensatedRow, TargetsRow
 
 HEAVY_CELL = ROOT / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"

@@ -25,7 +25,7 @@ from cellctl.krl import (
     Unknown,
     motion_frames,
 )
-from cellctl.pendant_import.krl import krl_points
+from cellctl.pendant_import._krl import krl_points
 
 
 def read(text):

@@ -6,8 +6,8 @@ import pytest
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
 from cellctl.pendant_import import Choices
-from cellctl.pendant_import.joint_list import joint_points, joint_texts
-from cellctl.pendant_import.programs import program_targets
+from cellctl.pendant_import._joint_list import joint_points, joint_texts
+from cellctl.pendant_import._programs import program_targets
 from cellctl.robots import library
 
 M10 = RobotFile.load(library()["m10ia"])

@@ -6,7 +6,7 @@ import pytest
 from cellctl.files import InputError
 from cellctl.kinematics import rotation_from_abc
 from cellctl.pendant_import import Choices
-from cellctl.pendant_import.positions import position_points, position_texts
+from cellctl.pendant_import._positions import position_points, position_texts
 
 
 def read(text, **choices):

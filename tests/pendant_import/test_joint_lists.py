@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
 from cellctl.pendant_import import Choices
-from cellctl.pendant_import.joint_list import joint_points, joint_texts
+from cellctl.pendant_import._joint_list import joint_points, joint_texts
 
 ROBOT = RobotFile.model_validate(
     {

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from cellctl.files import InputError
 from cellctl.pendant_import import Choices
-from cellctl.pendant_import.pairing import paired
-from cellctl.pendant_import.points import Point, PointList
+from cellctl.pendant_import._pairing import paired
+from cellctl.pendant_import._points import Point, PointList
 
 
 def postures(*names, source="krl", faults=()):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cellctl.files import InputError
 from cellctl.pendant_import import Choices
-from cellctl.pendant_import.positions import position_points, position_texts
+from cellctl.pendant_import._positions import position_points, position_texts
 
 
 def read(text, **choices):

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.pendant_import import Choices
-from cellctl.pendant_import.joint_list import joint_points, joint_texts
-from cellctl.pendant_import.programs import program_targets
+from cellctl.pendant_import._joint_list import joint_points, joint_texts
+from cellctl.pendant_import._programs import program_targets
 
 A = [f"A{number}" for number in range(1, 7)]
 NONE = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellctl.planning.target_sets import along, joint_uniform, near_path, partition_of
+from cellctl.planning._target_sets import along, joint_uniform, near_path, partition_of
 
 UR10 = Path(__file__).parents[3] / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
 RNG = np.random.default_rng(7)

@@ -13,7 +13,7 @@ from step_contexts import Context
 
 from cellctl.devices import TableInfo, TableState
 from cellctl.records import TableStateRow
-from procedures.steps.sphere.identification import verdict_of
+from procedures.steps.sphere._identification import verdict_of
 from procedures.steps.sphere.rows import SphereVerdict, StandOffRow
 from procedures.steps.table_push import take_back_unhelpful
 

@@ -27,7 +27,7 @@ from cellctl.formats.table import Row as TargetRow
 from cellctl.formats.table import TableRegion, TableRobot, TableSource
 from cellctl.operations.table_history import TableHistory
 from cellctl.records import Figures, Row, TablePushRow, TableStateRow
-from procedures.steps.sphere.proving import PushInputs, push
+from procedures.steps.sphere._proving import PushInputs, push
 from procedures.steps.sphere.rows import StandOffFigures
 from procedures.steps.table_push import pushed_row, require_in_force, take_back_unproved
 

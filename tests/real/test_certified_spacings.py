@@ -8,7 +8,7 @@ from real_sockets import DATA, PLACES, visits, with_ball
 
 from cellctl.formats import DataSet, RobotFile
 from cellctl.formats.measurements import measurements
-from cellctl.formats.measurements.sessions import Spacing
+from cellctl.formats.measurements._sessions import Spacing
 from cellctl.setup_check import find_spacing_errors
 
 pytestmark = pytest.mark.skipif(not (DATA / "panda_sockets").exists(), reason=f"no sockets at {DATA}")

@@ -17,7 +17,7 @@ from cellctl.files import InputError, load_yaml, sha256_of
 from cellctl.journal import Journal, JournalError, RunStarted, RunState, SourceFile, read_journal
 from cellctl.operations.launch import code_hash, sources, versions
 from cellctl.operations.replay import Agreement, FolderFile, Replay, replay_run
-from cellctl.operations.replay.run import same_within_tolerance
+from cellctl.operations.replay._run import same_within_tolerance
 from cellctl.procedure import (
     NoInputs,
     StepContext,

@@ -40,12 +40,12 @@ from cellctl.calibration import (
     identify,
 )
 from cellctl.kinematics import to_poe
-from cellctl.report.fit import advice as advices
-from cellctl.report.fit import by_place, parameters, residual_pictures
-from cellctl.report.fit.advice import advice, narrows
-from cellctl.report.fit.page import head
-from cellctl.report.fit.region import RegionSigma, along_joint
-from cellctl.report.fit.residual_pictures import coverage, scaled_numbers
+from cellctl.report.fit import _advice as advices
+from cellctl.report.fit import _by_place, _parameters, _residual_pictures
+from cellctl.report.fit._advice import advice, narrows
+from cellctl.report.fit._page import head
+from cellctl.report.fit._region import RegionSigma, along_joint
+from cellctl.report.fit._residual_pictures import coverage, scaled_numbers
 from cellctl.report.fit.residuals import _Predicted, residuals_of
 
 
@@ -154,7 +154,7 @@ def test_a_wave_in_one_joint_is_told_and_joints_without_any_are_not():
     waved[:, 0] += 3e-4 * np.sin(9.0 * q[:, 0])
     noise = np.random.default_rng(1).normal(0.0, 0.03, (400, 3))
     story = told(measured(PositionRows(q, true.tcp(waved) + noise, np.full((400, 3), 0.03))))
-    found = residual_pictures.explained(residuals_of(story))
+    found = _residual_pictures.explained(residuals_of(story))
     assert found[0][0] == 0
     assert found[0][1] > 0.5
     assert found[0][2] == pytest.approx(3e-4 / np.sqrt(2) * 1100.0, rel=0.25)
@@ -162,8 +162,8 @@ def test_a_wave_in_one_joint_is_told_and_joints_without_any_are_not():
 
 
 def test_noise_alone_has_no_pattern_and_no_drift(seen, rows):
-    assert residual_pictures.explained(rows) == []
-    assert residual_pictures.drifts(rows, rows.row.astype(float)) == []
+    assert _residual_pictures.explained(rows) == []
+    assert _residual_pictures.drifts(rows, rows.row.astype(float)) == []
 
 
 def test_a_drift_is_told_with_its_size_whatever_the_registration_took_of_it():
@@ -171,7 +171,7 @@ def test_a_drift_is_told_with_its_size_whatever_the_registration_took_of_it():
     slid = block.xyz + np.linspace(0.0, 0.3, 200)[:, None] * [0.0, 0.0, 1.0]
     story = told(measured(PositionRows(block.q, slid, block.sigma)))
     rows = residuals_of(story)
-    ((label, change, error),) = residual_pictures.drifts(rows, rows.row.astype(float))
+    ((label, change, error),) = _residual_pictures.drifts(rows, rows.row.astype(float))
     assert label == "Z"
     assert change == pytest.approx(-0.3, abs=0.05)  # the model less a measurement that rises
     assert 0.0 < error < 0.05
@@ -180,8 +180,8 @@ def test_a_drift_is_told_with_its_size_whatever_the_registration_took_of_it():
 def test_bins_have_the_means_and_standard_errors_of_their_rows():
     rng = np.random.default_rng(2)
     x, y = rng.uniform(0.0, 10.0, 100), rng.normal(size=100)
-    own = residual_pictures.bins_of(x)
-    at, mean, error = residual_pictures.binned(x, y)
+    own = _residual_pictures.bins_of(x)
+    at, mean, error = _residual_pictures.binned(x, y)
     for bin_ in range(int(own.max()) + 1):
         mine = own == bin_
         assert (at[bin_], mean[bin_]) == pytest.approx((x[mine].mean(), y[mine].mean()))
@@ -190,10 +190,10 @@ def test_bins_have_the_means_and_standard_errors_of_their_rows():
 
 def test_of_many_points_the_largest_are_drawn():
     sizes = np.random.default_rng(3).random(5000)
-    shown = residual_pictures.thinned(sizes, 300)
+    shown = _residual_pictures.thinned(sizes, 300)
     assert len(shown) == len(set(shown.tolist())) == 300
     assert set(np.argsort(sizes)[-30:]) <= set(shown.tolist())
-    assert residual_pictures.thinned(sizes[:200], 300).tolist() == list(range(200))
+    assert _residual_pictures.thinned(sizes[:200], 300).tolist() == list(range(200))
 
 
 def test_cells_have_the_mean_error_of_their_rows():
@@ -203,7 +203,7 @@ def test_cells_have_the_mean_error_of_their_rows():
     errors = rng.normal(0.0, 0.01, (400, 3)) + np.where(
         np.arange(400)[:, None] < 200, [0.1, 0.0, 0.0], [0.0, -0.2, 0.0]
     )
-    places_, arrows, sizes = by_place._view(at, errors, 0, 1)
+    places_, arrows, sizes = _by_place._view(at, errors, 0, 1)
     assert len(places_) == 2
     assert arrows == pytest.approx(np.array([errors[:200, :2].mean(axis=0), errors[200:, :2].mean(axis=0)]))
     assert sizes == pytest.approx(
@@ -212,7 +212,7 @@ def test_cells_have_the_mean_error_of_their_rows():
 
 
 def test_the_table_has_each_parameters_deviation_in_its_own_unit_sigmas_and_tolerances(seen):
-    lines = {line.label: line for group in parameters.groups(seen) for line in group.lines}
+    lines = {line.label: line for group in _parameters.groups(seen) for line in group.lines}
     names, found = seen.found.unknowns.names, seen.found
     labels = {each.name: each.label for each in found.unknowns.parameters}
     for name, text in (("a2", "mm"), ("theta3", "°"), ("alpha1", "°")):
@@ -230,8 +230,8 @@ def test_the_table_has_each_parameters_deviation_in_its_own_unit_sigmas_and_tole
 
 
 def test_what_nobody_knew_is_in_the_table_of_places_with_its_sigma(seen):
-    assert not {"base X", "tool X"} & {line.label for group in parameters.groups(seen) for line in group.lines}
-    base, tool = parameters.placements(seen)
+    assert not {"base X", "tool X"} & {line.label for group in _parameters.groups(seen) for line in group.lines}
+    base, tool = _parameters.placements(seen)
     place = [float(text.replace("−", "-")) for text in base["xyz"]]
     assert place == pytest.approx(seen.found.state.model.chain.base_now[:3, 3], abs=6e-4)
     assert np.linalg.norm(np.array(place) - INSTRUMENT[:3, 3]) < 5.0 * np.linalg.norm([float(s) for s in base["sigma"]])
@@ -244,19 +244,19 @@ def test_sigma_of_a_place_is_told_along_the_axes_that_the_place_is_told_in(seen)
     own = [found.unknowns.names.index(f"base_{axis}") for axis in "xyz"]
     draws = np.random.default_rng(5).multivariate_normal(np.zeros(3), found.covariance[np.ix_(own, own)], 20_000)
     turned = draws @ found.state.model.chain.base_now[:3, :3].T
-    told_ = [float(text) for text in parameters.placements(seen)[0]["sigma"]]
+    told_ = [float(text) for text in _parameters.placements(seen)[0]["sigma"]]
     assert told_ == pytest.approx(turned.std(axis=0), rel=0.06)
 
 
 def test_points_are_listed_where_they_are(touched):
-    for row, centre, sigma in zip(parameters.points(touched), CENTRES, np.eye(3), strict=True):
+    for row, centre, sigma in zip(_parameters.points(touched), CENTRES, np.eye(3), strict=True):
         found = np.array([float(text.replace("−", "-")) for text in row["xyz"]])
         assert np.abs(found - centre).max() < 5.0 * max(float(text) for text in row["sigma"])
         assert row["visits"] == int(np.sum(touched.task.rows.pick(touched.used).only.point == int(np.argmax(sigma))))
 
 
 def test_correlation_is_that_of_draws_from_the_covariance(seen):
-    symbols, matrix = parameters.correlation(seen)
+    symbols, matrix = _parameters.correlation(seen)
     free = np.flatnonzero(seen.found.unknowns.free)
     draws = np.random.default_rng(6).multivariate_normal(
         np.zeros(len(free)), seen.found.covariance[np.ix_(free, free)], 40_000
@@ -269,15 +269,15 @@ def test_the_strongest_pairs_are_named_first_with_what_is_known_of_them():
     matrix = np.eye(3)
     matrix[0, 1] = matrix[1, 0] = -0.99
     matrix[1, 2] = matrix[2, 1] = 0.93
-    assert parameters.strongest(["a", "b", "c"], matrix) == [
+    assert _parameters.strongest(["a", "b", "c"], matrix) == [
         "a and b (−0.990: their sum is known best)",
         "b and c (0.930: their difference is known best)",
     ]
 
 
 def test_the_picture_has_a_square_for_each_pair_that_is_correlated(seen):
-    symbols, matrix = parameters.correlation(seen)
-    picture = parameters.correlation_picture(symbols, matrix)
+    symbols, matrix = _parameters.correlation(seen)
+    picture = _parameters.correlation_picture(symbols, matrix)
     squares = sum(
         path.count("M") for path in re.findall(r'd="([^"]*z[^"]*)"', picture) if path.count("L") == 3 * path.count("M")
     )
@@ -390,7 +390,7 @@ def test_an_older_models_values_are_what_the_table_counts_from():
     older = truth(errors={"a2": 0.55})
     task = measured(positions(120))
     story = told(type(task)(older, task.rows, prior=np.diag(np.full(len(older.parameters), 1e-2))))
-    line = next(line for group in parameters.groups(story) for line in group.lines if line.label == "a2")
+    line = next(line for group in _parameters.groups(story) for line in group.lines if line.label == "a2")
     assert line.nominal == "600.55"
     assert abs(float(line.deviation.split(" ± ")[0].replace("−", "-"))) < 0.2
 
@@ -418,7 +418,7 @@ def test_tolerances_that_the_rows_widened_are_told_as_stated_with_the_factor():
     true = truth(errors=lengths)
     story = told(measured(positions(150, true=true)))
     factor = story.result.identification.prior_scale["links"]
-    line = next(line for group in parameters.groups(story) for line in group.lines if line.label == "a2")
+    line = next(line for group in _parameters.groups(story) for line in group.lines if line.label == "a2")
     assert factor > 1.5
     assert float(line.assumed_sigma) == pytest.approx(0.5)
     assert float(line.in_assumed_sigmas.replace("−", "-")) == pytest.approx(-8.0, abs=0.5)
@@ -432,7 +432,7 @@ def test_a_parameter_that_changed_since_the_older_model_is_told_by_what_that_kne
     changed = truth(errors={**ERRORS, "theta3": ERRORS["theta3"] + 0.005})
     task = Task(older.state.model, positions(60, seed=1, true=changed), prior=known)
     story = told(task)
-    line = next(line for group in parameters.groups(story) for line in group.lines if line.label == "θ3")
+    line = next(line for group in _parameters.groups(story) for line in group.lines if line.label == "θ3")
     at = older.state.model.names.index("theta3")
     assert list(story.result.identification.prior_scale) == ["zeros"]
     assert float(line.assumed_sigma) == pytest.approx(np.degrees(np.sqrt(known[at, at])), rel=0.1)

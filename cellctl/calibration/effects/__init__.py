@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable
 
-from cellctl.calibration.effects.backlash import Backlash
-from cellctl.calibration.effects.compliance import JointCompliance
-from cellctl.calibration.effects.deflection import DEFLECTION, ToolDeflection
+from cellctl.calibration.effects._backlash import Backlash
+from cellctl.calibration.effects._compliance import JointCompliance
+from cellctl.calibration.effects._deflection import DEFLECTION, ToolDeflection
+from cellctl.calibration.effects._thermal_expansion import ThermalExpansion
 from cellctl.calibration.effects.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs, OwnTurns
 from cellctl.calibration.effects.motor_torsion import MotorTorsion
-from cellctl.calibration.effects.thermal_expansion import ThermalExpansion
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.residuals.discrepancy import Discrepancy
 from cellctl.calibration.residuals.harmonics import Harmonics, Wave

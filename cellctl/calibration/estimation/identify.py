@@ -11,6 +11,7 @@ from typing import Any, Self, final
 
 import numpy as np
 
+from cellctl.calibration._outliers import OUTLIER_P, OUTLYING, belonging
 from cellctl.calibration.effects import ResidualModel, functions
 from cellctl.calibration.estimation.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
 from cellctl.calibration.estimation.evidence import Factor, estimated, factors, unexpected
@@ -18,7 +19,6 @@ from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.estimation.tool_search import tools, undecided
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import PLACED, State, Unknowns
-from cellctl.calibration.outliers import OUTLIER_P, OUTLYING, belonging
 from cellctl.calibration.prediction.predict import predict_rows
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks

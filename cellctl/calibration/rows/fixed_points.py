@@ -15,7 +15,7 @@ import numpy as np
 from cellctl.calibration.model.postures import At
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows.kind import RowsAtJoints, with_points
+from cellctl.calibration.rows._kind import RowsAtJoints, with_points
 from cellctl.kinematics import Floats
 
 CENTRE_STEPS = 8

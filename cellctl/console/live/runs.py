@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Self, final
 
-from cellctl.console.live.run import UNREADABLE, Found, LiveRun, Snapshot, Stamp, stamp, stamps, unexpected
+from cellctl.console.live._run import UNREADABLE, Found, LiveRun, Snapshot, Stamp, stamp, stamps, unexpected
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, RunState, fold, read_journal, writer_of
 from cellctl.journal.journal_file import LOCK_NAME

@@ -1,7 +1,7 @@
 """The 3-D scene and the charts of a run: their content from its journal, and their drawing."""
 
+from cellctl.console.scene._content import SceneContent, scene_of
 from cellctl.console.scene.charts import ChartsView, Series, charts_view, series_of
-from cellctl.console.scene.content import SceneContent, scene_of
 from cellctl.console.scene.view import SceneView, scene_view
 
 __all__ = ["ChartsView", "SceneContent", "SceneView", "Series", "charts_view", "scene_of", "scene_view", "series_of"]

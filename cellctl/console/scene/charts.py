@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 from nicegui import ui
 
-from cellctl.console.scene.content import read_points
+from cellctl.console.scene._content import read_points
 from cellctl.console.scene.points import ROBOTS, Points, Role, SceneRun, Setting, installed_sources
 from cellctl.console.scene.view import CSS
 from cellctl.files import InputError

@@ -11,9 +11,9 @@ import numpy as np
 from nicegui import ui
 
 from cellctl.console.look import command_button
-from cellctl.console.scene.content import Body, Kind, Posture, SceneContent
-from cellctl.console.scene.drawing import BodyDrawing, RobotDrawing
-from cellctl.console.scene.marks import Legend, PointMarks
+from cellctl.console.scene._content import Body, Kind, Posture, SceneContent
+from cellctl.console.scene._drawing import BodyDrawing, RobotDrawing
+from cellctl.console.scene._marks import Legend, PointMarks
 from cellctl.console.scene.points import Points, Role
 from cellctl.kinematics import Floats
 

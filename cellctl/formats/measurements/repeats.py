@@ -11,12 +11,12 @@ import numpy as np
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import Sieve
-from cellctl.formats.measurements.conditions import PAYLOAD_AT
+from cellctl.formats.measurements._conditions import PAYLOAD_AT
 from cellctl.formats.measurements.kinds import ABC, OF_DISTANCE, OF_ROTATION, PLACE, QUATERNION, SIGMAS, Kind
 from cellctl.kinematics import Floats
 
 if TYPE_CHECKING:
-    from cellctl.formats.measurements.measured import Measurements
+    from cellctl.formats.measurements._measured import Measurements
 
 POINT_COLUMNS: dict[Kind, str] = {"sphere": "sphere", "plane": "plane", "socket": "socket", "distance": "anchor"}
 """The column that names a row's point, for each kind that has one."""

@@ -1,6 +1,6 @@
 """Replay: repeats a run's computations from its journal alone and compares the results with the record."""
 
-from cellctl.operations.replay.run import (
+from cellctl.operations.replay._run import (
     TOLERANCE,
     Agreement,
     ArtefactReplay,

@@ -11,7 +11,7 @@ from cellctl.calibration import Estimate, Measured, RowBlocks, State
 from cellctl.calibration.verdict.heldout import held_out_rows, settled, unseen_by
 from cellctl.kinematics import Bools, Floats, inverse_pose
 from cellctl.records import ResidualsRow
-from cellctl.report.fit.story import FitStory
+from cellctl.report.fit._story import FitStory
 
 _DIGITS = 9
 """Significant digits of stored numbers."""

@@ -10,10 +10,10 @@ from cellctl.kinematics import Floats
 from cellctl.records import IdentificationRow, ResidualsRow
 from cellctl.report.drawing import before_and_after
 from cellctl.report.figures import fixed, percent, significant, with_sigma
-from cellctl.report.fit import parameters as correlations
-from cellctl.report.fit.by_place import EACH, SphereErrors, place_picture, sphere_maps
-from cellctl.report.fit.region import region_pictures
-from cellctl.report.fit.residual_pictures import (
+from cellctl.report.fit import _parameters as correlations
+from cellctl.report.fit._by_place import EACH, SphereErrors, place_picture, sphere_maps
+from cellctl.report.fit._region import region_pictures
+from cellctl.report.fit._residual_pictures import (
     coverage,
     drifts,
     explained,

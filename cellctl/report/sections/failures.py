@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cellctl.report.page import ReportSection
-from cellctl.report.run import Run
+from cellctl.report._page import ReportSection
+from cellctl.report._run import Run
 
 
 def build(run: Run) -> Mapping[str, Any] | None:

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from cellctl.records import IdentificationRow, ResidualsRow
+from cellctl.report._page import ReportSection
+from cellctl.report._run import Run
 from cellctl.report.budget import IDENTIFICATION
 from cellctl.report.fit.sections import identification_sections
-from cellctl.report.page import ReportSection
-from cellctl.report.run import Run
 
 
 def build(run: Run) -> Mapping[str, Any] | None:

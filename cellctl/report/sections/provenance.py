@@ -7,9 +7,9 @@ from typing import Any
 
 from cellctl.files import InputError, parse_yaml
 from cellctl.procedure.loader import read_procedure
+from cellctl.report._page import ReportSection
+from cellctl.report._run import Run
 from cellctl.report.figures import plain
-from cellctl.report.page import ReportSection
-from cellctl.report.run import Run
 
 _TEMPLATE = """\
 {% from "pairs.html" import pairs %}

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from cellctl.journal import PushedTable
+from cellctl.report._page import ReportSection
+from cellctl.report._run import Run
 from cellctl.report.budget import Sigma
 from cellctl.report.figures import plain, significant
-from cellctl.report.page import ReportSection
-from cellctl.report.run import Run
 
 _COLUMNS = {
     "predicted_before_mm": "predicted error before, mm",

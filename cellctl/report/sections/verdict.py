@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cellctl.report._page import ReportSection
+from cellctl.report._run import Run
 from cellctl.report.figures import fit_lines
-from cellctl.report.page import ReportSection
-from cellctl.report.run import Run
 
 _ENDS = {"failed": "failed", "aborted": "was aborted", "uncertain": "ended uncertain: a person has to look at the cell"}
 

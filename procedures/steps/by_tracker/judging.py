@@ -86,7 +86,7 @@ class ByTrackerVerdict(SphereVerdict):
 @step("by_tracker.judge", verdict=ByTrackerVerdict, title="judging the model by the tracker")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the model from the touches is at held-out poses, beside nominal and a model from the poses."""
-    from procedures.steps.by_tracker.comparison import compared  # it imports the inputs of this module's steps
+    from procedures.steps.by_tracker._comparison import compared  # it imports the inputs of this module's steps
 
     found = await context.clock.compute(compared, context)
     await context.write_artefact("tracker.csv", found.data)

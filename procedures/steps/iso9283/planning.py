@@ -23,7 +23,7 @@ from cellctl.operations.table import refuse_table
 from cellctl.planning.measuring_poses import MeasuringArm
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext, StepContext
-from procedures.steps.iso9283.measuring import CubePose, CubeRound
+from procedures.steps.iso9283._measuring import CubePose, CubeRound
 from procedures.steps.iso9283.rows import CubeRow
 from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded, turn_posture
 from procedures.steps.tracker.pose_planning import pose_limits

@@ -12,7 +12,7 @@ from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, 
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
 from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged
-from procedures.steps.sphere.identification import identify_touches
+from procedures.steps.sphere._identification import identify_touches
 from procedures.steps.sphere.reference_touches import jump, reference_row
 from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow, TouchSet
 

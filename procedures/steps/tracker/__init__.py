@@ -1,10 +1,8 @@
 """Campaigns with an instrument that measures reflectors on the robot: the steps of the family `tracker`."""
 
-from procedures.steps.tracker.instrument import check_reflector, monuments, prepare, two_face
-from procedures.steps.tracker.locating import frames, locate, plan_turns
-from procedures.steps.tracker.measuring import measure, measure_compensated
-from procedures.steps.tracker.posing import plan, plan_targets
-from procedures.steps.tracker.proving import (
+from procedures.steps.tracker._instrument import check_reflector, monuments, prepare, two_face
+from procedures.steps.tracker._locating import frames, locate, plan_turns
+from procedures.steps.tracker._proving import (
     compensate,
     correction_off,
     correction_on,
@@ -17,7 +15,9 @@ from procedures.steps.tracker.proving import (
     register,
     withdraw,
 )
-from procedures.steps.tracker.warming import warm_up
+from procedures.steps.tracker._warming import warm_up
+from procedures.steps.tracker.measuring import measure, measure_compensated
+from procedures.steps.tracker.posing import plan, plan_targets
 
 __all__ = [
     "check_reflector",

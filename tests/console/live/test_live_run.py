@@ -19,7 +19,7 @@ from child_process import child
 from live_journals import WrittenRun, registry
 
 from cellctl.console.live import LiveRun, Snapshot, whole_log
-from cellctl.console.live import run as tail
+from cellctl.console.live import _run as tail
 from cellctl.engine.status import status_of
 from cellctl.engine.step_tree import Node
 from cellctl.journal import InterlockChanged, Outcome, RunResumed, StepEnded, StepFailure, StepStarted, read_journal

@@ -23,7 +23,7 @@ from scene_journals import (
 )
 from simulated_setups import KR5_SIGNS
 
-from cellctl.console.scene.content import Kind, SceneContent, scene_of
+from cellctl.console.scene._content import Kind, SceneContent, scene_of
 from cellctl.console.scene.points import Points, Role
 from cellctl.journal import RunState
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellctl.console.scene.marks import Change, Slots
+from cellctl.console.scene._marks import Change, Slots
 
 Held = dict[int, tuple[float, ...]]
 

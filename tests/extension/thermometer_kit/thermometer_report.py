@@ -2,7 +2,7 @@
 
 from thermometer_steps import TemperatureRow
 
-from cellctl.report.page import ReportSection
+from cellctl.report._page import ReportSection
 
 
 def build(run):

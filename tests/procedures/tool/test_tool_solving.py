@@ -17,9 +17,9 @@ from cellctl.formats import RobotFile, artefact_of
 from cellctl.kinematics import inverse
 from cellctl.procedure import NoInputs
 from procedures.steps.tool import read_pose, solve_poses, solve_touches
-from procedures.steps.tool.measuring import PoseInputs
+from procedures.steps.tool._measuring import PoseInputs
+from procedures.steps.tool._solving import planned_touches
 from procedures.steps.tool.rows import ToolErrorsRow, ToolTouchRow, ToolVerdict
-from procedures.steps.tool.solving import planned_touches
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 ROBOT = RobotFile.load(ROBOT_FILE)

@@ -12,7 +12,7 @@ from sims import kernel as kernel_module
 from sims.control import STRIDE_NS, ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel
-from sims.krc.rsi_exchange import target_of
+from sims.krc._rsi_exchange import target_of
 from sims.scene.safety import Safety
 from sims.wires import Wire
 

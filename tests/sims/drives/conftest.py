@@ -9,7 +9,7 @@ import pytest
 from simulated_devices import catalogue, setup_of
 from true_worlds import with_errors
 
-from sims.drives.server import DriveServer
+from sims.drives._server import DriveServer
 from sims.faults import Faults
 from sims.kernel import Kernel
 

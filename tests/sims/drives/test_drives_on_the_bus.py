@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from simulated_devices import catalogue, read_fault, setup_of
 
-from sims.drives.server import DriveServer
+from sims.drives._server import DriveServer
 from sims.faults import Faults
 from sims.simulator import CannotStart
 

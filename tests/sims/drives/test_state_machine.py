@@ -2,7 +2,7 @@
 
 import pytest
 
-from sims.drives.drive import StateMachine
+from sims.drives._drive import StateMachine
 
 MASKS = {
     "switch on disabled": (0x4F, 0x40),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sims.geocom.protocol import Request, WrongChecksum, WrongFormat, crc16, parse_request, read_string, reply, written
+from sims.geocom._protocol import Request, WrongChecksum, WrongFormat, crc16, parse_request, read_string, reply, written
 
 
 def test_the_checksum_is_crc_16_arc():

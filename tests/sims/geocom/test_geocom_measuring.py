@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from laser_bench import Air, Arm, Reflector, Scene, World
 
-from sims.geocom import optics
-from sims.geocom.accuracy import ARCSEC, PROFILES
+from sims.geocom import _optics
+from sims.geocom._accuracy import ARCSEC, PROFILES
 
 PLACE = (1200.0, 2400.0, -300.0)
 HZ, V = np.arctan2(PLACE[0], PLACE[1]), np.arctan2(hypot(*PLACE[:2]), PLACE[2])
@@ -136,7 +136,7 @@ def test_the_inclination_is_reported_across_and_along_the_line_of_sight(one):
 def test_the_air_that_is_set_corrects_the_distance_and_the_true_air_does_not_follow(one):
     true = Air(28.0, 990.0, 40.0)
     line = one(Scene([Reflector("R1", PLACE)], air=true))
-    needed = optics.ppm_of_air(28.0, 990.0, optics.vapour_of_humidity(28.0, 40.0))
+    needed = _optics.ppm_of_air(28.0, 990.0, _optics.vapour_of_humidity(28.0, 40.0))
     _, (*_, metres) = line.measure()
     assert metres * 1e3 == pytest.approx(LENGTH * (1 - needed * 1e-6), abs=1e-6)
     assert LENGTH - metres * 1e3 > 0.04

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sims.geocom.protocol import crc16
+from sims.geocom._protocol import crc16
 
 MS, S = 1_000_000, 1_000_000_000
 

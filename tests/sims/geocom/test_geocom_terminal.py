@@ -12,7 +12,7 @@ from simulated_devices import catalogue, setup_of
 
 from sims.cell import read_cell
 from sims.faults import Faults
-from sims.geocom.description import SIMULATOR
+from sims.geocom._description import SIMULATOR
 from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.simulator import CannotStart

@@ -18,7 +18,7 @@ from simulated_devices import catalogue, read_fault, setup_of
 from sims.cell import ERRORS, read_cell
 from sims.faults import Faults
 from sims.kernel import Kernel
-from sims.krc.controller import start
+from sims.krc._controller import start
 from sims.world import World
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")

@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from sims.krc.rsi_exchange import AxisCorrection
-from sims.krc.servo import DriveMonitor
+from sims.krc._rsi_exchange import AxisCorrection
+from sims.krc._servo import DriveMonitor
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 KR5 = (154.0, 154.0, 228.0, 343.0, 384.0, 721.0)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from sims.krc.eki_server import EkiServer
+from sims.krc._eki_server import EkiServer
 from sims.wires import Wire
 
 

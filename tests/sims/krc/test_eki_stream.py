@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sims.krc.eki_server import LARGEST, DocumentStream
+from sims.krc._eki_server import LARGEST, DocumentStream
 
 DOCUMENTS = st.sampled_from(
     [

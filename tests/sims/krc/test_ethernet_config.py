@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sims.krc.telegram import BadConfig, TelegramFormat, read_config
+from sims.krc._telegram import BadConfig, TelegramFormat, read_config
 
 SHIPPED = Path(__file__).parents[3] / "procedures/cells/rsi_ethernet.xml"
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sims.krc.telegram import LARGEST_IPOC, Element, read_reply
-from sims.krc.xml_documents import LARGEST, count, decimal, parse
+from sims.krc._telegram import LARGEST_IPOC, Element, read_reply
+from sims.krc._xml_documents import LARGEST, count, decimal, parse
 
 WIRED = (Element("AK.A1", "DOUBLE", True, False), Element("Stop", "BOOL", False, False))
 ODD = [

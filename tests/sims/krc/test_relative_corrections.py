@@ -7,8 +7,8 @@ import re
 import pytest
 
 from sims.cell import read_cell
-from sims.krc.controller import rsi_settings
-from sims.krc.rsi_exchange import AxisCorrection
+from sims.krc._controller import rsi_settings
+from sims.krc._rsi_exchange import AxisCorrection
 
 SHIPPED_CELL = "procedures/cells/sphere_cell.yaml"
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from sims import kernel
-from sims.krc.rsi_exchange import AxisCorrection
-from sims.krc.servo import NOISE_A
+from sims.krc._rsi_exchange import AxisCorrection
+from sims.krc._servo import NOISE_A
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 ZERO = (0.0,) * 6

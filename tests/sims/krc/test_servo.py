@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from sims.krc.servo import Servo
+from sims.krc._servo import Servo
 from sims.scene.motions import State
 
 H = 0.004

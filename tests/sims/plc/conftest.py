@@ -11,7 +11,7 @@ from simulated_devices import setup_of
 from tcp_bench import TcpBench
 
 from sims.cell import read_cell
-from sims.plc.server import PlcServer
+from sims.plc._server import PlcServer
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 

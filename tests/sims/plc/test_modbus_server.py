@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sims.plc.modbus import Frame, FrameStream, answer
+from sims.plc._modbus import Frame, FrameStream, answer
 
 MS = 1_000_000
 

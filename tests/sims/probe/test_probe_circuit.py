@@ -5,8 +5,8 @@ from simulated_devices import catalogue, read_fault
 
 from sims.faults import Faults
 from sims.kernel import Kernel
-from sims.probe.firmware import Level, level_of
-from sims.probe.server import Circuit
+from sims.probe._firmware import Level, level_of
+from sims.probe._server import Circuit
 from sims.scene.contact import ContactLoop
 
 MS = 1_000_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sims.probe.firmware import Crystal
+from sims.probe._firmware import Crystal
 
 SECOND = 1_000_000_000
 

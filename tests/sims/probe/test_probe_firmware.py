@@ -2,8 +2,8 @@
 
 import pytest
 
-from sims.probe.firmware import Crystal, Firmware, State, level_of
-from sims.probe.lines import HostLine
+from sims.probe._firmware import Crystal, Firmware, State, level_of
+from sims.probe._lines import HostLine
 
 MS = 1_000_000
 CLOSED, OPEN, BROKEN = 40, 1650, 4900

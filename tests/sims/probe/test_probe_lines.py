@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sims.probe.lines import HostLine, LineCutter, crc16, framed, parse_host_line
+from sims.probe._lines import HostLine, LineCutter, crc16, framed, parse_host_line
 
 
 def test_the_check_sum_is_ccitt_false():

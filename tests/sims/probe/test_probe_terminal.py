@@ -11,7 +11,7 @@ from simulated_devices import catalogue, read_fault, setup_of
 from sims.cell import read_cell
 from sims.faults import Faults
 from sims.kernel import Kernel
-from sims.probe.server import ProbeServer
+from sims.probe._server import ProbeServer
 
 MS = 1_000_000
 PATIENCE_S = 90

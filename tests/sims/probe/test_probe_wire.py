@@ -2,7 +2,7 @@
 
 import pytest
 
-from sims.probe.lines import Message, Receiver, Transmitter, framed
+from sims.probe._lines import Message, Receiver, Transmitter, framed
 
 MS = 1_000_000
 

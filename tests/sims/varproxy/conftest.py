@@ -11,7 +11,7 @@ from tcp_bench import TcpBench
 
 from sims.cell import read_cell
 from sims.memory import Memory
-from sims.varproxy.controller import start
+from sims.varproxy._controller import start
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/varproxy_cell.yaml")
 

@@ -14,7 +14,7 @@ from true_worlds import BENT, CELL, world
 
 from sims.cell import ERRORS
 from sims.conditions import Conditions
-from sims.world.gravity import Body, Compliance, Falls, Mass
+from sims.world._gravity import Body, Compliance, Falls, Mass
 from sims.world.kinematics import Axis
 
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])

@@ -6,8 +6,8 @@ from own_kinematics import turn
 from true_worlds import with_errors
 
 from sims.conditions import Payload
+from sims.world._gravity import GRAVITY_M_S2, Mass, drawn_body
 from sims.world.drives import PRESLIDING_DEG, slid
-from sims.world.gravity import GRAVITY_M_S2, Mass, drawn_body
 from sims.world.kinematics import nominal_geometry
 from sims.world.world import World
 

@@ -10,7 +10,7 @@ import pytest
 
 from sims.cell import Plate, read_cell
 from sims.world import World
-from sims.world.obstacles import Obstacles
+from sims.world._obstacles import Obstacles
 
 FAR = (0.0, 0.0, 5000.0)
 SPHERE = ((0.0, 0.0, 200.0), 30.0)

@@ -15,7 +15,7 @@ from world import Floats, PaperWorld
 
 from cellctl.calibration import FitResult, RobotModel, Tolerances
 from cellctl.compensation import METHODS, compensate
-from cellctl.kinematics.conversion import to_poe
+from cellctl.kinematics._conversion import to_poe
 from sims.conditions import Payload
 
 CELL = Path(__file__).parents[3] / "procedures" / "papers" / "cells" / "tx60_pose_cell.yaml"

@@ -23,7 +23,7 @@ from cellctl.calibration import Postures
 from cellctl.error_maps.motor_flexibility import FlexibilityNetwork, MotorFlexibility
 from cellctl.kinematics import SerialChain, pose, rotation_from_abc
 from cellctl.planning import Method, Reach, TargetOptions, TaskWorkspace, plan_targets
-from cellctl.planning.target_sets import along, near_path
+from cellctl.planning._target_sets import along, near_path
 from sims.conditions import Payload
 
 CELL = Path(__file__).parents[3] / "procedures" / "papers" / "cells" / "flexible_arm_cell.yaml"

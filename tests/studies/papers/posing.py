@@ -15,7 +15,7 @@ from cellctl.files import load_yaml
 from cellctl.formats import RobotFile
 from cellctl.formats.measurements import ModelTerms
 from cellctl.kinematics import SerialChain
-from cellctl.procedure.cell_check import CellFiles
+from cellctl.procedure._cell_check import CellFiles
 from cellctl.robots import robot_file
 from procedures.steps.tracker.pose_planning import planned_rounds
 from sims.conditions import REFERENCE_C

@@ -16,7 +16,7 @@ from world import Floats, PaperWorld
 
 from cellctl.calibration import FitResult, Task, Tolerances
 from cellctl.kinematics import Link, LinkTable, SerialChain
-from cellctl.kinematics.conversion import to_poe
+from cellctl.kinematics._conversion import to_poe
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 

@@ -1,0 +1,176 @@
+"""Builds and writes the page of a run: templates, and the sections found by entry points for which it has rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import entry_points
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Self, final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+
+from cellctl import __version__
+from cellctl.files import InputError, write_atomically
+from cellctl.records import Row
+from cellctl.report._run import Run
+from cellctl.report._summary import summary
+from cellctl.report.budget import FIGURES, Contribution, Sigma
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("cellctl.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def template(name: str) -> Template:
+    """A page template by its file name: inserted values are escaped, and an undefined name is an error."""
+    return _environment().get_template(name)
+
+
+def template_of(text: str) -> Template:
+    """A template from its text; it may include and import the files of this package."""
+    return _environment().from_string(text)
+
+
+GROUP = "cellctl.report_sections"
+"""The entry point group: name = the section's id, value = a `ReportSection`."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ReportSection:
+    """A section of the report.
+
+    id: unique. title: its heading; "" for none. order: sections are shown in ascending order. needs: row classes; the
+    section is left out if the run lacks rows of one of them. build: from the run, the template's data; None
+    if there is nothing to show. template: Jinja text; it may include and import the templates of `cellctl.report`.
+    error_lines: lines for the table of errors at the top (`cellctl.report.figures.error_line`). environment: name and
+    text of each recorded condition. contributions: to the uncertainty budget, of what the section knows.
+    sigmas: each σ that the section shows.
+    """
+
+    id: str
+    title: str
+    order: int
+    build: Callable[[Run], Mapping[str, Any] | None]
+    template: str
+    needs: tuple[type[Row], ...] = ()
+    error_lines: Callable[[Run], Sequence[Mapping[str, Any]]] = field(default=lambda _: ())
+    environment: Callable[[Run], Mapping[str, str]] = field(default=lambda _: {})
+    contributions: Callable[[Run], Sequence[Contribution]] = field(default=lambda _: ())
+    sigmas: tuple[Sigma, ...] = ()
+
+    def serves(self, run: Run) -> bool:
+        """Whether the run has rows of every class that the section needs. Raises InputError for a damaged row."""
+        return all(run.state.recorded(kind) for kind in self.needs)
+
+
+@final
+@dataclass(frozen=True)
+class Sections:
+    """The sections in their order. broken: those that cannot be loaded, as text."""
+
+    usable: tuple[ReportSection, ...]
+    broken: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, sections: Iterable[ReportSection], broken: Sequence[str] = ()) -> Self:
+        """These sections, sorted."""
+        return cls(tuple(sorted(sections, key=lambda each: (each.order, each.id))), tuple(broken))
+
+    @classmethod
+    def installed(cls) -> Self:
+        """All sections of the installed packages."""
+        found: dict[str, ReportSection] = {}
+        broken: list[str] = []
+        for name, value, point in sorted((point.name, point.value, point) for point in entry_points(group=GROUP)):
+            try:
+                section = point.load()
+            except Exception as error:  # the code of another package may raise anything
+                broken.append(f"section '{name}' ({value}) cannot be loaded: {error}")
+                continue
+            if not isinstance(section, ReportSection):
+                broken.append(f"section '{name}' ({value}) is no ReportSection")
+            elif found.setdefault(section.id, section) is not section:
+                broken.append(f"section '{name}' ({value}): there is another section '{section.id}'")
+        return cls.of(found.values(), broken)
+
+
+def template_text(package: str, name: str) -> str:
+    """The text of the template file `name` beside the module of a package."""
+    return (files(package) / name).read_text(encoding="utf-8")
+
+
+FILE_NAME = "report.html"
+
+
+def write_report(run: Path, target: Path | None = None, facts: Mapping[str, Any] | None = None) -> Path:
+    """Write the report of a run (its folder or journal) to `target`, or `report.html` in its folder; returns the path.
+
+    facts: fields of `ReportFacts` that replace those of the cell file.
+
+    Raises JournalError if the journal cannot be read, OSError if the file cannot be written.
+    """
+    loaded = Run.load(run).with_facts(facts or {})
+    path = target or loaded.folder / FILE_NAME
+    write_atomically(path, render(loaded))
+    return path
+
+
+def report_text(run: Path) -> str:
+    """The report of a run (its folder or journal) as HTML. Raises JournalError if the journal cannot be read."""
+    return render(Run.load(run))
+
+
+def render(run: Run, sections: Sections | None = None) -> str:
+    """The report of a loaded run as HTML: no script, nothing fetched, no date but the run's own.
+
+    sections: by default the installed ones. A failed section is named, and the others are shown.
+    """
+    found = sections or Sections.installed()
+    complaints = [*run.complaints, *found.broken]
+    shown: list[Mapping[str, str]] = []
+    lines: list[Mapping[str, Any]] = []
+    environment: dict[str, str] = {}
+    contributions: list[Contribution] = []
+    sigmas: list[Sigma] = []
+    for section in found.usable:
+        try:
+            text = _text(section, run)
+            if text is None:
+                continue
+            added = list(section.error_lines(run)), section.environment(run), list(section.contributions(run))
+        except InputError as error:
+            complaints += [f"section '{section.id}': {problem}" for problem in error.problems]
+        except Exception as error:  # the code of another package may raise anything
+            complaints.append(f"section '{section.id}' cannot be shown: {type(error).__name__}: {error}")
+        else:
+            lines += added[0]
+            environment |= added[1]
+            contributions += added[2]
+            shown.append({"id": section.id, "title": section.title, "text": text})
+            sigmas += section.sigmas
+    return template("report.html").render(
+        run=run,
+        complaints=list(dict.fromkeys(complaints)),
+        lines=lines,
+        s=summary(run, environment, contributions),
+        sections=shown,
+        sigmas=[*(FIGURES if lines else ()), *dict.fromkeys(sigmas)],
+        version=__version__,
+    )
+
+
+def _text(section: ReportSection, run: Run) -> str | None:
+    """The section as HTML; None if the run has no data for it."""
+    data = section.build(run) if section.serves(run) else None
+    return None if data is None else template_of(section.template).render(data)

@@ -1,0 +1,120 @@
+"""σ of the TCP over the joints, inside the measured joint region and outside it, with a picture for each joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self, final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cellctl.calibration import MeasuredRegion, RobotModel, prediction_sigma
+from cellctl.calibration.prediction.predict import spread_over
+from cellctl.kinematics import Floats
+from cellctl.report.drawing import ACCENT, FAINT, svg_of
+from cellctl.report.fit._story import FitStory
+
+_AWAY_DEG = 60.0
+"""Distance beyond the region of the fit that is evaluated for a joint, within its limits."""
+
+_STEPS, _SAMPLES = 25, 64
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class RegionSigma:
+    """1 σ, 3-D, mm, of TCPs predicted by a model whose parameters have the covariance (P, P), as `ModelFile.sigma`.
+
+    Points among themselves: the rigid motion of all points of the region lower … upper (n,), rad, that is nearest to
+    each possible error of the model is subtracted, inside the region and outside it.
+    """
+
+    model: RobotModel
+    covariance: Floats
+    region: MeasuredRegion
+    lower: Floats
+    upper: Floats
+
+    @classmethod
+    def of(cls, story: FitStory) -> Self:
+        """Of a fit, over the joints of its rows."""
+        found, robot = story.found, story.found.unknowns.robot
+        q = story.task.rows.pick(story.used).q
+        covariance = found.covariance[:robot, :robot]
+        return cls(found.state.model, covariance, story.result.region, q.min(axis=0), q.max(axis=0))
+
+    @cached_property
+    def postures(self) -> Floats:
+        """Postures (N, n) spread over the region."""
+        return spread_over(self.lower, self.upper)
+
+    def in_frame(self, q: Floats) -> Floats:
+        """1 σ (N,) at q (N, n) in the measuring frame: base and heading count."""
+        return prediction_sigma(self.model, self.covariance, q, self.region)
+
+    def among(self, q: Floats) -> Floats:
+        """1 σ (N,) at q (N, n) relative to the region."""
+        return prediction_sigma(self.model, self.covariance, q, self.region, kind="among", over=self.postures)
+
+    @cached_property
+    def besides(self) -> float:
+        """RMS over the region of what no further row of this kind lowers: scatter, open variance, outside; mm."""
+        scatter = self.region.sigma(self.postures) ** 2 + 3.0 * self.model.open_variance(self.postures)
+        return float(np.sqrt(np.mean(scatter)))
+
+
+def figures(region: RegionSigma) -> tuple[dict[str, float], dict[str, float]]:
+    """RMS and maximum σ over the region, mm: in the measuring `frame`, and of points `among` themselves."""
+    sigmas = {"frame": region.in_frame(region.postures), "among": region.among(region.postures)}
+    rms = {name: float(np.sqrt(np.mean(sigma**2))) for name, sigma in sigmas.items()}
+    return rms, {name: float(sigma.max()) for name, sigma in sigmas.items()}
+
+
+def curves(story: FitStory, region: RegionSigma) -> list[tuple[Floats, Floats]]:
+    """Of each joint: its readings (S,), deg, and σ of points among themselves there, mm, the other joints varied."""
+    joints, found = story.robot.joint_map(), [along_joint(story, region, joint) for joint in range(region.model.n)]
+    return [
+        (joints.sign[joint] * (np.rad2deg(q) - joints.offset[joint]), sigma) for joint, (q, sigma) in enumerate(found)
+    ]
+
+
+def along_joint(story: FitStory, region: RegionSigma, joint: int) -> tuple[Floats, Floats]:
+    """Model angles (S,), rad, of `joint`, and σ there, RMS over the others, mm."""
+    away, limits = np.deg2rad(_AWAY_DEG), story.limits[joint]
+    first = min(region.lower[joint], max(limits[0], region.lower[joint] - away))
+    last = max(region.upper[joint], min(limits[1], region.upper[joint] + away))
+    at = np.linspace(first, last, _STEPS)
+    q = np.tile(region.postures[:_SAMPLES], (_STEPS, 1, 1))
+    q[:, :, joint] = at[:, None]
+    sigma = region.among(q.reshape(-1, q.shape[-1])).reshape(_STEPS, -1)
+    return at, np.sqrt(np.mean(sigma**2, axis=1))
+
+
+Curve = tuple[Floats, Floats]
+"""Readings of a joint (S,), deg, and σ there, mm."""
+
+_ABREAST = 7
+
+
+def region_pictures(curves: Sequence[Curve], readings: Floats, joints: Sequence[str]) -> list[str]:
+    """σ of points among themselves along each joint; below it a histogram of the fit's `readings` (N, n), deg."""
+    groups = [range(start, min(start + _ABREAST, len(joints))) for start in range(0, len(joints), _ABREAST)]
+    return [_picture(curves, readings, joints, group) for group in groups]
+
+
+def _picture(curves: Sequence[Curve], readings: Floats, joints: Sequence[str], group: range) -> str:
+    highest = max(float(np.max(curves[joint][1])) for joint in group) or 1.0
+
+    def draw(figure: Figure) -> None:
+        grid = figure.subplots(1, len(group), sharey=True, squeeze=False).ravel().tolist()
+        for axes, joint in zip(grid, group, strict=True):
+            at, sigma = curves[joint]
+            counts, edges = np.histogram(readings[:, joint], 24, (float(np.min(at)), float(np.max(at))))
+            axes.stairs(0.3 * highest * counts / max(int(counts.max()), 1), edges, fill=True, color=FAINT)
+            axes.plot(at, sigma, color=ACCENT, linewidth=1.4)
+            axes.set(xlabel=f"{joints[joint]}, °", ylim=(0.0, 1.08 * highest))
+        grid[0].set_ylabel("1 σ, mm")
+
+    return svg_of(draw, f"region{group[0]}", 1.8, "Predicted standard deviation of the TCP along each joint")

@@ -1,0 +1,71 @@
+"""What the simulated PLC is to the rest: its scheme, settings, faults and events."""
+
+from __future__ import annotations
+
+from urllib.parse import parse_qsl, urlsplit
+
+from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
+
+HEARTBEAT = "plc.heartbeat"
+UNIT = 1
+WORDS = ("high_first", "low_first")
+
+
+def unit_of(address: str) -> int:
+    """The unit id in the address. Raises ValueError where that is no number from 0 to 255."""
+    unit = int(_query(address).get("unit", UNIT))
+    if not 0 <= unit <= 255:
+        raise ValueError(f"unit {unit}")
+    return unit
+
+
+def low_first(address: str) -> bool:
+    """Whether the low word of a 32-bit value comes first."""
+    return _query(address).get("words") == "low_first"
+
+
+def _query(address: str) -> dict[str, str]:
+    return dict(parse_qsl(urlsplit(address).query))
+
+
+def _start(setup: Setup) -> Started:
+    from sims.plc._server import PlcServer  # when a cell has the device
+
+    return PlcServer(setup)
+
+
+def _address_errors(address: str) -> list[str]:
+    try:
+        unit_of(address)
+    except ValueError:
+        return ["unit is not a number from 0 to 255"]
+    return []
+
+
+SIMULATOR = Simulator(
+    schemes=("modbus+tcp",),
+    start=_start,
+    section="plc",
+    settings=(
+        Setting("delay_least_ms", "number", 5.0, 0.0, what="Shortest time from a request to its answer."),
+        Setting("delay_most_ms", "number", 20.0, 0.0, what="Longest time from a request to its answer."),
+        Setting("clamp_ms", "number", 300.0, 0.0, what="Time that the clamp takes from one end to the other."),
+    ),
+    faults=(
+        FaultKind("plc.gone", "every connection is closed, and nothing answers at its port", (FOR_MS,)),
+        FaultKind(
+            "plc.stale", "its program stops: it answers, but its inputs and its counter do not change", (FOR_MS,)
+        ),
+        FaultKind(
+            "plc.sensor",
+            "a sensor is broken: its register shows 0x8000",
+            (
+                Setting("sensor", "whole", 1, 1, what="Air 1, base 2, arm 3, fixture 4, pressure 5, humidity 6."),
+                FOR_MS,
+            ),
+        ),
+        FaultKind("plc.clamp", "a sensor of the clamp is stuck: clamped and unclamped are both on", (FOR_MS,)),
+    ),
+    events={HEARTBEAT: "the computer has written another value to its heartbeat register"},
+    address_errors=_address_errors,
+)
