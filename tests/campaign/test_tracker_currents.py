@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.campaign, pytest.mark.long]
 ERRORS = "  errors: {compliance: 4, friction_torsion: 1}\n"
 ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 NOISE_A = 0.02
-"""1 σ of a telegram's current (docs/reference/simulated-cell.md)."""
+"""1 σ of a telegram's current (docs/simulated-cell.md)."""
 
 
 @pytest.fixture(scope="module")

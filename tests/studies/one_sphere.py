@@ -1,10 +1,10 @@
 """What one sphere can see: residual on the sphere against the volumetric error, one sphere and three, several robots.
 
-    uv run python tests/studies/one_sphere.py [--seeds 5] [--write docs/one-sphere.md]
+    uv run python tests/studies/one_sphere.py [--seeds 5] [--write docs/reference/campaign-figures.md]
 
-Runs `sphere_single` and `sphere_selfcal` on each simulated robot (about a minute each), asks the simulated world how
-far each identified robot is from the truth all over the workspace, and prints a Markdown table; with --write it
-replaces the one between the marks in that file. A study and no test: it judges nothing.
+Runs `sphere_single` and `sphere_selfcal` (one and a half minutes on two cores) on each simulated robot, asks the
+simulated world how far each identified robot is from the truth all over the workspace, and prints a Markdown table;
+with --write it replaces the one between the marks in that file. A study and no test: it judges nothing.
 """
 
 from __future__ import annotations

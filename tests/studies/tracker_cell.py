@@ -32,8 +32,8 @@ from procedures.steps.tracker.rows import TrackerVerdict
 EFFECTS = "{compliance: 1, gear: 1, backlash: 1, expansion: 1, warm_up: 1, air: 1, station_drift: 1}"
 ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 HEAD = (
-    "| seed | held-out poses, mean / RMS / max before → after | predicted ÷ found RMS | in their 95 % region "
-    "| floor, RMS | ratio to the floor (95 %) | targets by the table, mean / RMS / max before → after |\n"
+    "| seed | held-out poses, mean/RMS/max before → after | predicted ÷ found RMS | in their 95 % region "
+    "| floor, RMS | ratio to the floor (95 %) | targets by the table, mean/RMS/max before → after |\n"
     "|---|---|---|---|---|---|---|"
 )
 FRAMES = "| seed | {B}: off by mm, ° | NEES | {T}: off by mm, ° | NEES |\n|---|---|---|---|---|"
@@ -51,8 +51,8 @@ class Frames:
 
 
 def figures(errors: Floats) -> str:
-    """Mean / RMS / max of lengths, mm."""
-    return f"{errors.mean():.3f} / {np.sqrt(np.mean(errors**2)):.3f} / {errors.max():.3f}"
+    """Mean/RMS/max of lengths, mm."""
+    return f"{errors.mean():.3f}/{np.sqrt(np.mean(errors**2)):.3f}/{errors.max():.3f}"
 
 
 def row(seed: int, run: Path, journal: RunState, truth: Truth) -> str:
@@ -64,11 +64,11 @@ def row(seed: int, run: Path, journal: RunState, truth: Truth) -> str:
     assert verdict.targets
     assert verdict.model
     ends = (verdict.targets.before, verdict.targets.after)
-    targets = " → ".join(f"{end.mean:.3f} / {end.rms:.3f} / {end.max:.3f}" for end in ends)
+    targets = " → ".join(f"{end.mean:.3f}/{end.rms:.3f}/{end.max:.3f}" for end in ends)
     return (
         f"| {seed} | {figures(found.nominal)} → {figures(found.identified)} "
         f"| {verdict.held_out.predicted / ratio.rms_mm:.2f} | {100 * verdict.model['coverage_95']:.0f} % "
-        f"| {ratio.floor_mm:.3f} | {ratio.ratio:.2f} ({ratio.low:.2f} … {ratio.high:.2f}) | {targets} |"
+        f"| {ratio.floor_mm:.3f} | {ratio.ratio:.2f} ({ratio.low:.2f}…{ratio.high:.2f}) | {targets} |"
     )
 
 

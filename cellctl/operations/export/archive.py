@@ -20,7 +20,7 @@ _KNOWN: Final = {
     "dataset.csv": "data set of the identification: joints in degrees, lengths in mm (docs/reference/data-sets.md)",
     "model.json": "identified robot with covariance: lengths in mm, angles in rad (docs/reference/fit.md)",
     "table.json": "compensation table: joints in degrees, errors in mm (docs/reference/table-files.md)",
-    "tool.yaml": "tool: lengths in mm (docs/tool.md)",
+    "tool.yaml": "tool: lengths in mm (docs/measuring.md)",
     "report.html": "calibration report; prints on A4",
     "simulated_cell.json": "state of the simulated cell at the end of the run",
 }

@@ -154,18 +154,19 @@ def test_what_is_no_fault_is_refused_with_what_there_is(entry, complaint):
 
 
 def test_each_fault_of_the_documents_table_exists_with_its_settings(request):
-    text = (request.config.rootpath / "docs/reference/simulated-cell.md").read_text()
-    faults = text.partition("| fault |")[2].partition("\n\n")[0]
-    rows = [line.split("|") for line in faults.splitlines() if line.startswith("| `")]
+    text = (request.config.rootpath / "docs/simulated-cell.md").read_text()
+    faults = text.partition("| fault (settings) |")[2].partition("\n\n")[0]
+    cells = [line.split("|")[1] for line in faults.splitlines() if line.startswith("| `")]
     table = {
-        cells[1].strip(" `"): set(cells[3].replace("`", "").replace("–", "").replace(",", " ").split())
-        for cells in rows
+        name: set(re.findall(r"`([a-z_]+)`", cell.partition("(")[2]))
+        for cell in cells
+        for name in re.findall(r"`([a-z_]+\.[a-z_]+)`", cell)
     }
     kinds = catalogue().kinds.items()
     assert table == {name: {setting.name for setting in kind.settings} for name, kind in kinds}
 
 
 def test_each_event_of_the_documents_table_exists(request):
-    text = (request.config.rootpath / "docs/reference/simulated-cell.md").read_text()
+    text = (request.config.rootpath / "docs/simulated-cell.md").read_text()
     events = text.partition("| event |")[2].partition("\n\n")[0]
     assert re.findall(r"^\| `([a-z_.]+)` \|", events, re.MULTILINE) == sorted(catalogue().events)
