@@ -1,4 +1,4 @@
-"""Six fixed draws of the study of predictions outside the measured joints; all draws: docs/reference/studies.md."""
+"""Six fixed draws of the study of predictions outside the measured joints; all: docs/results/outside-the-joints.md."""
 
 import sys
 from pathlib import Path

@@ -170,6 +170,6 @@ def test_a_moved_tracker_is_recognised_and_the_prior_model_holds(moved, options)
 def test_joints_where_only_the_tracker_was_found_anew_are_not_measured_region(moved):
     result, model = _after(moved, "far.csv", "--free", "base")
     assert model["joint_region"] == json.loads((moved / "prior.json").read_text())["joint_region"]
-    assert 0.7 < result["predicted_test_rms"] / result["test"]["rms"] < 2.2  # single sets: docs/reference/studies.md
+    assert 0.7 < result["predicted_test_rms"] / result["test"]["rms"] < 2.2  # single sets: docs/results.md
     assert result["nominal"]["max"] < 3.0
     assert not ModelFile.load(moved / "n.json").inside(np.array([[-48.0, -52.0, 44.0, 10.0, 40.0, -20.0]])).any()

@@ -1,6 +1,7 @@
 """Sphere, plane, point or distance: which constraint identifies a robot best, at equal numbers of touches.
 
-    uv run python tests/studies/constraint_kinds.py [--seeds 40] [--touches 50 100] [--write docs/reference/studies.md]
+    uv run python tests/studies/constraint_kinds.py [--seeds 40] [--touches 50 100]
+                                                    [--write docs/results/constraints.md]
 
 The spherical-constraint paper (doi 10.3390/app14219824) says that touches on a sphere give better accuracy than plane,
 point or distance constraints. KR5 robots drawn from the prior (the tests' own arm) are measured in each way, 0.03 mm

@@ -1,15 +1,15 @@
 """Whether the estimator's own σ is the error that is found: robots drawn from the prior, and from far outside it.
 
     uv run python tests/studies/honest_uncertainty.py [--seeds 200] [--first 0] [--only lacks]
-                                                      [--write docs/reference/how-sure.md]
+                                                      [--write docs/results/uncertainty.md]
 
 Five tables, about ten minutes on one core; `--only` makes some of them. 1 (`prior`): touches on spheres, positions and
 poses of robots drawn from the prior that the fit is told, against the truth and against SciPy's optimum of the same
 posterior by finite differences. 2 (`outside`): joint zeros or links far outside the prior. 3 (`orientations`):
 positions in one or two orientations of the tool only. 4 (`wrong`): noise or tolerances that are told wrong, and wild
-rows. 5 (`lacks`): robots whose joints have errors that the model lacks. What the figures mean is said in
-`docs/reference/how-sure.md`; with --write those of the tables between the marks there are replaced that were made. Exit
-code 1: a figure of the first table lies outside what is promised.
+rows. 5 (`lacks`): robots whose joints have errors that the model lacks. `docs/results/uncertainty.md` explains the
+figures; --write replaces those tables between the marks there that were made. Exit code 1: a figure of the first table
+lies outside what is promised.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from misjudged import MISJUDGED
 from own_effects import JointErrors
 from simulated_setups import OUTSIDE, SETUPS
 
-BEGIN, END = "<!-- how-sure figures:", "<!-- end of how-sure figures -->"
+BEGIN, END = "<!-- uncertainty figures:", "<!-- end of uncertainty figures -->"
 FEWER = 10
 """The other tables take one seed where the first takes this many."""
 

@@ -1,6 +1,6 @@
 """What one sphere can see: residual on the sphere against the volumetric error, one sphere and three, several robots.
 
-    uv run python tests/studies/one_sphere.py [--seeds 5] [--write docs/reference/campaign-figures.md]
+    uv run python tests/studies/one_sphere.py [--seeds 5] [--write docs/results/campaigns.md]
 
 Runs `sphere_single` and `sphere_selfcal` (one and a half minutes on two cores) on each simulated robot, asks the
 simulated world how far each identified robot is from the truth all over the workspace, and prints a Markdown table;
