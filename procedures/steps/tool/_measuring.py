@@ -104,7 +104,10 @@ class Solved(StepResult):
 @step("tool.solve_touches", verdict=ToolVerdict, title="solving for the tool")
 async def solve_touches(context: StepContext, inputs: NoInputs) -> Solved:
     """Find tool and sphere centre from the touches, judge the tool on held-out orientations, write `tool.yaml`."""
-    from procedures.steps.tool._solving import record_solution, tool_of_touches
+    from procedures.steps.tool._solving import (
+        record_solution,
+        tool_of_touches,
+    )  # it imports the inputs of this module's steps
 
     return await record_solution(context, await context.clock.compute(tool_of_touches, context))
 
@@ -133,6 +136,9 @@ async def read_pose(context: StepContext, inputs: PoseInputs) -> ReadPose:
 @step("tool.solve_poses", verdict=ToolVerdict, title="solving for the tool")
 async def solve_poses(context: StepContext, inputs: NoInputs) -> Solved:
     """Find tool and point from the poses, judge the tool on each pose by the others, write `tool.yaml`."""
-    from procedures.steps.tool._solving import record_solution, tool_of_poses
+    from procedures.steps.tool._solving import (
+        record_solution,
+        tool_of_poses,
+    )  # it imports the inputs of this module's steps
 
     return await record_solution(context, await context.clock.compute(tool_of_poses, context))
