@@ -45,7 +45,6 @@ def analyse(
 
     Example: cellctl analyse ur10 ur10.csv --report similarity.html
     """
-
     refuse_outputs({"--report": page, "--json": json_}, [robot, data, model])
 
     measured, identified = _measured(robot, DataSet.load(data), check), ModelFile.load(model) if model else None
@@ -72,7 +71,6 @@ def analyse(
 
 def _measured(robot: Path, data: Any, check: bool) -> Measurements:
     """The rows with positions. Raises InputError for set-up errors, if these are to be checked."""
-
     document = load_yaml(robot, ROBOT)
     measured = rows_with_positions(RobotFile.from_document(document), data)
     if check:
@@ -83,7 +81,6 @@ def _measured(robot: Path, data: Any, check: bool) -> Measurements:
 
 def _words(report: dict[str, Any]) -> str:
     """The figures as text: correlations, semivariogram models, and the result last."""
-
     error = report["error"]
     lines = [
         f"{report['postures']} postures, {report['pairs']} pairs; error mean {error['mean']:.3f}, "

@@ -35,7 +35,6 @@ def doctor(cell: arguments.Cell, seed: arguments.Seed = None, json_: arguments.J
 
     Example: cellctl doctor sphere_cell
     """
-
     refuse_outputs({"--json": json_}, [cell])
     require_cells()
     drivers = DriverRegistry()
@@ -103,7 +102,6 @@ def krl(
 
     Example: cellctl krl sphere_cell -o krc
     """
-
     refuse_outputs({"--json": json_}, [cell])
     drivers = DriverRegistry()
     loaded = Cell.load(cell, drivers)
@@ -126,7 +124,6 @@ def krl(
 
 def _made(cell: Cell, drivers: DriverRegistry, device: str | None) -> tuple[str, dict[str, str]]:
     """The only device that has files for its controller, and these. Raises InputError if none has, or more than one."""
-
     if device is not None and device not in cell.addresses:
         known = ", ".join(sorted(cell.addresses))
         raise InputError(cell.document.problem((), f"has no device '{device}'", f"its devices: {known}"))
@@ -152,7 +149,6 @@ def sim(
 
     Example: cellctl sim sphere_cell --clock realtime --ready /tmp/ready.json
     """
-
     refuse_outputs({"--ready": ready}, [cell])
     require_cells()
     loaded = Cell.load(cell, DriverRegistry())
@@ -178,7 +174,6 @@ def console(
 
     Example: cellctl console --cell sphere_cell
     """
-
     serve(Settings(runs, cell, host, port), _announce)
 
 

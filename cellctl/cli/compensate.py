@@ -126,7 +126,6 @@ def compensate_program(
     """Compensate the points of `program` and write it to `out`. Raises InputError, also if no point can be changed;
     ends with code 1 if some cannot.
     """
-
     refuse_method(method)
     files = ProgramFiles.of(program, options.config)
     outputs = files.outputs(out) if out else {}
@@ -159,7 +158,6 @@ _SHOWN_PASSES = 5
 
 def compare(model: ModelFile, wanted: Targets, file: str, correction_deg: float, json_: str | None) -> None:
     """Print every method's figures on the targets `wanted`, of `file`, or write them as JSON."""
-
     found = compare_methods(model, wanted, file, correction_deg)
     if json_ != "-":
         _show(found, file)
@@ -288,7 +286,6 @@ def compensate(
 
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
-
     options = ProgramOptions(config, tool, base, path_tolerance, insert, arm_only)
     if targets.suffix.lower() in (".src", ".sub", ".dat"):
         _refuse_for_program(passes, serial)
@@ -356,7 +353,6 @@ def _figures(found: CompensatedTargets) -> dict[str, Any]:
     """The targets in figures, in full precision; the orientation predicted by the model, deg. written: what the joints
     as written leave, with their decimals.
     """
-
     return {
         **row_figures(found.exact_rows),
         "targets": [row.model_dump() for row in found.exact_rows],
@@ -375,7 +371,6 @@ def _figures(found: CompensatedTargets) -> dict[str, Any]:
 
 def _warn_large(found: CompensatedTargets, file: str) -> None:
     """Name corrections that a cell would refuse by default: such a posture is near a singularity."""
-
     for line, row in zip(found.wanted.lines, found.rows, strict=True):
         if row.correction_deg > TABLE_CORRECTION_DEG:
             what = (

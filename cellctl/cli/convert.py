@@ -65,7 +65,6 @@ def import_data(
 
     Example: cellctl import part.mod --targets -o targets.csv
     """
-
     refuse_json_on_stdout(json_, out, "the target file" if targets else "the data set")
     refuse_outputs({"--out": out, "--json": json_}, [joints, positions, robot])
     given = {"decimal": decimal, "unit": unit, "angles": angles, "pair": pair, "orientation": orientation, "j3": j3}
@@ -88,7 +87,6 @@ def import_data(
 
 def _refuse_without_meaning(targets: bool, for_joints: dict[str, object], frame: str | None) -> None:
     """Raise InputError for options of joints beside --targets, and for --frame without it."""
-
     if not targets and frame is not None:
         raise InputError(Problem("--frame", 0, 0, "has a meaning for targets only", "give --targets too"))
     given = [name for name, value in for_joints.items() if value is not None] if targets else []
@@ -167,7 +165,6 @@ def convert(
 
     Example: cellctl convert kr5_r1400 --to urdf -o kr5.urdf
     """
-
     _refuse_options(robot, to, into, tip, table)
     if to is not Form.KUKA and (tool_number, base_number) != (None, None):
         raise typer.BadParameter("--tool-number and --base-number are for --to kuka")

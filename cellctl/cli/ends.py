@@ -44,7 +44,6 @@ def adding(words: str) -> Iterator[None]:
 
     Verbs without motion add no words.
     """
-
     try:
         yield
     except (InputError, DeviceUnreachable, DeviceBusy) as error:
@@ -70,7 +69,6 @@ def exit_code_of(call: Callable[[], object]) -> int:
 
 def _ended_by(error: Exception) -> int:
     """Print `error` by its kind. The kinds are imported here, so that `--help` does not wait for them."""
-
     match error:
         case InputError():
             return _ended(errors_text(error), Exit.BAD_INPUT)

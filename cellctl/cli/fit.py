@@ -222,7 +222,6 @@ def predict(
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """
-
     refuse_json_on_stdout(json_, out, "the CSV")
     refuse_outputs({"--out": out, "--json": json_}, [model, joints])
     found = predict_rows(ModelFile.load(model), DataSet.load(joints), frame=frame)

@@ -38,7 +38,6 @@ def status(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: argumen
 
     Example: cellctl status --json -
     """
-
     folder = _chosen(run, runs)
     refuse_outputs({"--json": json_}, [*folder.glob("*")])
     found, state = status_of(folder, StepRegistry.installed()), fold(read_journal(folder))
@@ -111,7 +110,6 @@ def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> N
 
 def _chosen(run: Path | None, runs: Path) -> Path:
     """The folder of `run`, or of the only run in `runs` that is running. Raises InputError."""
-
     if run is not None:
         folder = run_place(run, runs)
         if not (folder / FILE_NAME).exists():

@@ -88,7 +88,6 @@ class Asked:
 
     def region(self, robot: RobotFile) -> TaskWorkspace | JointRanges | None:
         """The region; None where its text has an error, which is then noted."""
-
         if self.joints is not None:
             ends = self._ranges("joints", self.joints, robot.n)
             return None if ends is None else self._made("joints", lambda: JointRanges(*np.array(ends).T))
@@ -100,7 +99,6 @@ class Asked:
 
     def options(self, robot: RobotFile) -> TargetOptions | None:
         """What rejects a target, and the method's own settings; None where a text has an error."""
-
         near = None if self.near is None else self._numbers("near", self.near, robot.n)
         sight = self._sight(robot) if self.station else None
         try:
@@ -236,7 +234,6 @@ def plan(
 
 def _targets(robot: Path, asked: Asked, seed: int) -> TargetSet:
     """The targets. Raises InputError where the options or the region do not allow them."""
-
     file = RobotFile.load(robot)
     region, options = asked.region(file), asked.options(file)
     asked.raise_all()

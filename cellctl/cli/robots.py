@@ -27,7 +27,6 @@ def robots(
 
     Example: cellctl robots kr300_r2500 -o my_robot.yaml
     """
-
     if name is None and out is not None:
         raise typer.BadParameter("--out writes one robot: name it")
     if name is not None and markdown:

@@ -41,7 +41,6 @@ def check(
 
     Example: cellctl check sphere_selfcal
     """
-
     refuse_outputs({"--json": json_}, [procedure, cell])
     try:
         campaign = load_campaign(procedure, cell, set_ or [], runs=runs)
@@ -86,7 +85,6 @@ def run(
 
     Example: cellctl run sphere_selfcal --seed 3 --json result.json
     """
-
     to_stdout = json_ == "-"
     asking = ConfirmingAtTerminal if interactive() and not to_stdout else None
     with failing_into((folder or resume) if detached else None), adding(NOTHING_MOVED):
@@ -121,7 +119,6 @@ def run(
 
 def _refuse_options(resume: Path | None, acknowledge: bool, seed: int | None, clock: str | None) -> None:
     """Raise InputError for options that do not apply to a new run, or to a resumed one."""
-
     if resume is None:
         cure = "give --resume RUN with it, or leave it out"
         problems = [Problem("--acknowledge", 0, 0, "goes with a run that is resumed", cure)] if acknowledge else []

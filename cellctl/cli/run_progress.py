@@ -189,7 +189,6 @@ def keep_json(result: RunResult, target: str | None, folder: Path) -> None:
 
 def report_of(folder: Path) -> None:
     """Write the run's report. A failure is only printed on stderr: the report can be rebuilt."""
-
     try:
         write_report(folder)
     except (OSError, ValueError, LookupError, InputError, JournalError) as error:

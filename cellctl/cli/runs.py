@@ -41,7 +41,6 @@ def runs(
 
     Example: cellctl runs --search "sphere 925185" --verdict better
     """
-
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
     asked = RunFilter(search, state, verdict, serial, procedure, since, until)
     found = run_rows(folder, asked)
@@ -69,7 +68,6 @@ def show(
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
-
     place = run_place(run, folder)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
     if against is not None:
@@ -149,7 +147,6 @@ def report(
 
     Example: cellctl report sphere_selfcal-20261121T192433Z --customer ACME --limit 0.2 -o report.html
     """
-
     place = run_place(run, runs)
     refuse_outputs(
         {"--out": out, "--json": json_}, [place, *(file for file in place.glob("*") if file.name != FILE_NAME)]
@@ -196,7 +193,6 @@ def export(
 
     Example: cellctl export sphere_selfcal-20261121T192433Z --as csv -o samples.csv
     """
-
     place, form = run_place(run, runs), exports.Form(as_.value)
     folder = journal_in(place).parent
     target = out or Path(f"{folder.resolve().name}-{form.file_name}")
@@ -232,7 +228,6 @@ def replay(
 
     Example: cellctl replay sphere_selfcal-20261121T192433Z -o again
     """
-
     place = run_place(run, runs)
     refuse_outputs({"--json": json_}, [place, *place.glob("*")])
     _refuse_folder(out, place)
@@ -248,7 +243,6 @@ def replay(
 
 def _refuse_folder(out: Path | None, run: Path) -> None:
     """Raise InputError if the replayed files would replace those of the run, or the folder cannot exist."""
-
     if out is None:
         return
     if out.exists() and not out.is_dir():

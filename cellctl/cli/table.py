@@ -47,7 +47,6 @@ def push(
 
     Example: cellctl table push table.json --cell sphere_cell
     """
-
     refuse_outputs({"--json": json_}, [table, cell, state])
     file = TableFile.load(table)
     place = TableCell.load(cell, seed, state)
@@ -79,7 +78,6 @@ def show(
 
     Example: cellctl table show table.json
     """
-
     _one_of(table, cell)
     refuse_outputs({"--json": json_}, [table, cell, state])
     if table:
@@ -110,7 +108,6 @@ def verify(
 
     Example: cellctl table verify table.json --cell sphere_cell
     """
-
     refuse_outputs({"--json": json_}, [table, cell, state])
     wanted = controller_table(table_named(table, runs))
 
@@ -149,7 +146,6 @@ def rollback(
 
     Example: cellctl table rollback --cell sphere_cell --to 9856401189b3
     """
-
     refuse_outputs({"--json": json_}, [cell, state])
     place = TableCell.load(cell, seed, state)
 
@@ -182,7 +178,6 @@ def export(
 
     Example: cellctl table export table.json --krl -o krc
     """
-
     refuse_export(table, krl, csv, out, json_)
     file = TableFile.load(table)
     result, words = export_krl(file, out or Path()) if krl else export_csv(file, out)

@@ -32,7 +32,6 @@ Runs = Annotated[Path, typer.Option("--runs", help="Folder of the runs; the hist
 @contextmanager
 def recorded(runs: Path, serial: str) -> Iterator[TableRecorder]:
     """Records changes of controller `serial`; a history that cannot be written is reported on stderr."""
-
     recorder = TableRecorder(TableHistory(runs, serial))
     try:
         yield recorder
@@ -43,7 +42,6 @@ def recorded(runs: Path, serial: str) -> Iterator[TableRecorder]:
 
 def show_result(json_: str | None, result: dict[str, Any], words: str) -> None:
     """The words on stdout, the JSON where it is asked for."""
-
     if json_ != "-" and words:  # first: the table is active even if writing the file fails
         typer.echo(words)
     write_json(result, json_)
@@ -67,7 +65,6 @@ def history(
 
     Example: cellctl table history --serial 925185
     """
-
     refuse_outputs({"--json": json_}, [cell, state])
     reported = _reported(cell, serial, seed, state) if cell else None
     wanted = reported["serial"] if reported else serial
@@ -100,7 +97,6 @@ def _reported(cell: Path, serial: str | None, seed: int | None, state: Path | No
 
 def _one(history: TableHistory, reported: dict[str, Any] | None, *, quiet: bool) -> dict[str, Any]:
     """Show the history of one controller; its JSON."""
-
     entries, problems = history.read()
     difference = difference_from_controller(entries, reported["state"]) if reported else ""
     for problem in problems:
@@ -184,7 +180,6 @@ def diff(
 
     Example: cellctl table diff 9856401189b3 table.json --robot kr5_r1400
     """
-
     refuse_outputs({"--json": json_}, [a, b, cell, robot, state])
     _refuse_active(a, b, cell)
     place = TableCell.load(cell, seed, state) if cell else None

@@ -59,7 +59,6 @@ _SIMULATED = "  SIMULATED   The table is of a simulated robot: both routines sto
 
 def refuse_export(table: Path, krl: bool, csv: bool, out: Path | None, json_: str | None) -> None:
     """Raise InputError for options that contradict each other, or an output that cannot be written."""
-
     if krl == csv:
         raise InputError(Problem("cellctl table export", 0, 0, "writes one form", "give --krl or --csv"))
     refuse_outputs({"--json": json_} if krl else {"-o": out, "--json": json_}, [table])
@@ -69,7 +68,6 @@ def refuse_export(table: Path, krl: bool, csv: bool, out: Path | None, json_: st
 
 def export_krl(table: TableFile, folder: Path) -> tuple[dict[str, Any], str]:
     """Write the KRL module to `folder` (CR LF); the result as data and in words. Raises InputError, OSError."""
-
     if str(folder) == "-" or (folder.exists() and not folder.is_dir()):
         raise InputError(Problem(str(folder), 0, 0, "is no folder", "give -o a folder: the KRL module has two files"))
     made = krl_module(table)
@@ -93,7 +91,6 @@ def export_krl(table: TableFile, folder: Path) -> tuple[dict[str, Any], str]:
 
 def export_csv(table: TableFile, out: Path | None) -> tuple[dict[str, Any], str]:
     """Write the targets as CSV to `out` or stdout; the result, and words for a file."""
-
     text = targets_csv(table)
     result = {"id": table.id, "file": str(out) if out else None, "rows": len(table.rows)}
     if out is None:

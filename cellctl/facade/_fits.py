@@ -52,7 +52,6 @@ class Robot:
         Base and tool are those of the robot file. Raises InputError for another shape, and for values that are not
         finite.
         """
-
         readings = postures(q, self.n)
         found = self.file.chain().forward(self.file.joint_map().model(readings))
         return np.asarray(found[0] if np.ndim(q) == 1 else found)
@@ -70,7 +69,6 @@ def robot(source: str | Path | RobotFile | Robot) -> Robot:
 
     Raises InputError: no such robot or file, or every error in it with line and column.
     """
-
     if isinstance(source, Robot):
         return source
     if isinstance(source, RobotFile):
@@ -102,7 +100,6 @@ class Data:
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         """A column (N,): numbers, NaN where missing; text where not all of its cells are numbers."""
-
         if not self.rows.has(column):
             raise KeyError(f"{column}: the columns are {', '.join(self.columns)}")
         cells = self.rows.values(column)
@@ -209,7 +206,6 @@ def _given(
     source: str | Path | RobotFile | Robot, data: Any, asked: Asked, prior: str | Path | Model | None
 ) -> FitInput:
     """The input, read; two paths are read as by the command line, which recognises swapped files."""
-
     if isinstance(source, str | Path) and isinstance(data, str | Path) and not isinstance(prior, Model):
         return FitInput.load(shipped_file("robot", Path(source)), Path(data), asked)
 

@@ -38,7 +38,6 @@ def export(model: ModelFile, name: str, form: Form, path: str | Path | None, opt
     """The content of the file, written to `path` if given. Warns of what the form cannot hold, with the distance that
     this costs. name: of the model in errors. Raises InputError where the model has no such form; OSError.
     """
-
     made = exported(model_source(model, name), form, options)
     for line in made.lines():
         warnings.warn(line, stacklevel=4)
@@ -102,7 +101,6 @@ class Prediction:
 
 def predicted(model: ModelFile, q: Any, frame: str) -> Prediction:
     """See `Model.predict`."""
-
     try:
         found = predict_rows(model, _joints(model, q), frame=frame)
     except InputError as error:
@@ -175,14 +173,12 @@ class Model:
         is of the TCP in the robot's `base`, or, for a model from touches, relative to the touched `points`, as in
         `compensate`. Touches do not determine the base's heading and height.
         """
-
         return predicted(self.file, q, frame)
 
     def nominal_poses(self, q: ArrayLike) -> Floats:
         """Poses (N, 4, 4), mm, in the model's frame, that the nominal robot would reach at controller readings `q`
         (N, n), deg: the targets of a program of joint positions. Base and tool are those from which the model counts.
         """
-
         return nominal_chain(self.file).forward(self.file.robot.joint_map().model(postures(q, self.file.robot.n)))
 
     def compensate(
@@ -208,7 +204,6 @@ class Model:
         A target without usable joints has its reason in the result. Raises InputError for targets that cannot be read,
         and for a model that needs more data than a target has.
         """
-
         return compensated(
             asked_targets(self.file, self.path, targets, postures, cell, method=method, passes=passes, errors=errors)
         )
@@ -220,7 +215,6 @@ class Model:
 
         Arguments and errors as in `compensate`.
         """
-
         asked = asked_targets(self.file, self.path, targets, postures, cell)
         return [each.dump() for each in compare_methods(asked.model, asked.wanted, asked.file, asked.limit_deg)]
 
@@ -246,7 +240,6 @@ class Model:
 
         Raises InputError if no point can be changed, with all reasons.
         """
-
         configured = Path(config) if config is not None else None
         options = ProgramOptions(
             configured, frame_text(tool), frame_text(base), path_tolerance_mm, insert=insert, arm_only=arm_only

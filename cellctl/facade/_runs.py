@@ -84,7 +84,6 @@ class Run:
 
     def page(self, path: str | Path | None = None) -> str:
         """The report of the run as an HTML page, written to `path` if given. Raises OSError."""
-
         text = render(self._content)
         if path is not None:
             write_atomically(Path(path), text)
@@ -102,7 +101,6 @@ def open_run(run: str | Path, runs: str | Path = "runs") -> Run:
     """The run in folder `run`, or of that name in the folder `runs`. Raises InputError where there is none, or its
     journal cannot be read.
     """
-
     place = run_place(Path(run), Path(runs))
     try:
         content = Content.load(place)

@@ -87,7 +87,6 @@ class Compensation:
     @property
     def reached(self) -> Bools:
         """Which targets (N,) have compensated joints."""
-
         return np.array([not reason for reason in self.reasons], bool)
 
     def __len__(self) -> int:
@@ -99,7 +98,6 @@ class Compensation:
         serial: of the controller, if neither the model nor its run names it. Raises InputError with every target that
         has no joints, as `cellctl compensate` does.
         """
-
         learnt = learnt_on(self.asked.path, self.asked.model, serial)
         return self.asked.all_of_them().table(learnt, calendar_time())
 
@@ -112,7 +110,6 @@ class Compensation:
 
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """The columns of that file in full precision, and `reason`; NaN where a target has no joints."""
-
         records = compensated_records(self.asked.model, list(self._rows))
         unknown = columns(self.joints.shape[1])[6:]  # all but the target
         return columns_of(
@@ -151,7 +148,6 @@ class AskedTargets:
 
     def all_of_them(self) -> CompensatedTargets:
         """The targets, compensated. Raises InputError with every one that has no joints."""
-
         try:
             return compensate_targets(
                 self.model,
@@ -182,7 +178,6 @@ def asked_targets(
     """The targets, read. errors: an error map, or takes readings (N, n), deg. Raises InputError for these, for the
     method, for another robot or tool than the cell's, and for a model that needs more data than a target has.
     """
-
     _refuse_method(method, passes, other_predictor=errors is not None)
     place = CellRobot.load(shipped_file("cell", Path(cell))) if cell is not None else None
     if place:
@@ -198,7 +193,6 @@ def asked_targets(
 
 def compensated(asked: AskedTargets) -> Compensation:
     """See `Model.compensate`."""
-
     tried = try_targets(
         asked.model,
         asked.wanted,
@@ -300,7 +294,6 @@ class CompensatedProgram:
         options: ProgramOptions,
     ) -> Self:
         """See `Model.compensate_program`."""
-
         refuse_method(method)
         files = ProgramFiles.of(program, options.config)
         place = CellRobot.load(shipped_file("cell", Path(cell))) if cell is not None else None

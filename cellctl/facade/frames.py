@@ -22,7 +22,6 @@ RIGID = 1e-6
 
 def numbers(values: ArrayLike, name: str) -> Floats:
     """`values` as a new array of floats, any shape. Raises InputError for text, complex numbers and ragged lists."""
-
     try:
         array = np.array(values)
         if array.dtype.kind == "c":
@@ -36,7 +35,6 @@ def postures(values: ArrayLike, n: int, name: str = "q") -> Floats:
     """Controller readings (N, n), deg; one posture (n,) becomes one row. Raises InputError with every row that is not
     finite.
     """
-
     array = numbers(values, name)
     rows = array[None] if array.ndim == 1 and array.size else array
     if rows.ndim != 2 or rows.shape[1] != n or not len(rows):
@@ -51,7 +49,6 @@ def poses(values: ArrayLike, name: str) -> Floats:
     """Poses (N, 4, 4), mm; one pose (4, 4) becomes one row. Raises InputError with every row that is no rigid
     motion.
     """
-
     array = numbers(values, name)
     rows = array[None] if array.shape == (4, 4) else array
     if rows.ndim != 3 or rows.shape[1:] != (4, 4) or not len(rows):
@@ -129,7 +126,6 @@ def frame_of(columns: Columns) -> Any:
 
 def columns_of(records: Iterable[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
     """Columns (N,) of `records` that all have the same keys; None becomes NaN."""
-
     rows = list(records)
     return (
         {key: np.array([np.nan if row[key] is None else row[key] for row in rows]) for key in rows[0]} if rows else {}

@@ -63,7 +63,6 @@ def _in_session(
     prior: ModelFile, measured: Measurements, groups: frozenset[str] | None, file: str
 ) -> tuple[RobotModel, Floats]:
     """The prior model in the session that the rows name first, and its covariance (P, P)."""
-
     model, covariance = prior.robot_model(), np.array(prior.covariance)
     name = next(iter(measured.texts("session")), "")
     number = next((at for at, session in enumerate(prior.sessions) if session.name == name), None)

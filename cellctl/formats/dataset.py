@@ -265,7 +265,6 @@ def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
 
     Raises InputError where neither kind is complete, or both are there, or `q1…qn` hold degrees.
     """
-
     degrees, radians = ([f"{letter}{number}" for number in range(1, robot.n + 1)] for letter in "Aq")
     names = _one_kind(sieve.data, degrees, radians)
     readings = np.array([sieve.numbers(name) for name in names]).T
@@ -281,7 +280,6 @@ def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
 
 def _beyond_limits(robot: RobotFile, degrees: Floats) -> Bools:
     """Which readings (N, n) this robot cannot have; NaN counts as possible."""
-
     limits = robot.limits()
     return np.asarray(np.maximum(degrees - limits[:, 1], limits[:, 0] - degrees) > BEYOND_LIMITS_DEG)
 
@@ -290,7 +288,6 @@ def _refuse_degrees(sieve: Sieve, robot: RobotFile, given: Floats, names: Sequen
     """Raise InputError where most rows (N, n) cannot be this robot's radians, and nearly all of these can be its
     degrees.
     """
-
     read = np.isfinite(given).all(axis=1)
     beyond = read & _beyond_limits(robot, np.rad2deg(given)).any(axis=1)
     turns = beyond & (np.abs(given) > MOST_RADIANS).any(axis=1)

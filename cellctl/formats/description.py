@@ -62,14 +62,12 @@ class RobotDescription:
     @classmethod
     def of(cls, robot: RobotFile, chain: SerialChain | None = None) -> Self:
         """A robot file's robot; `chain`, where given, in place of the nominal one: deviations become its geometry."""
-
         joints = tuple(JointSaid(row.sign, row.offset, row.min, row.max, row.max_speed) for row in robot.joints)
         form, mounting = settled(chain or robot.chain()), _mounting(robot, chain)
         return cls(robot.name, form, joints, robot.repeatability, robot.tool.mass, robot.tolerances, mounting)
 
     def joint_map(self) -> JointMap:
         """Controller readings (deg) to model angles (rad) and back."""
-
         return JointMap.from_lists([joint.sign for joint in self.joints], [joint.offset for joint in self.joints])
 
 
@@ -118,7 +116,6 @@ def degrees(radians: float) -> str:
 
 def frame_words(matrix: Floats) -> str:
     """A pose (4, 4) as `xyz: […], abc: […]`."""
-
     xyz = ", ".join(mm(value) for value in matrix[:3, 3].tolist())
     abc = ", ".join(number(value, DECIMALS_DEG) for value in abc_from_rotation(matrix[:3, :3]).tolist())
     return f"xyz: [{xyz}], abc: [{abc}]"

@@ -58,7 +58,6 @@ def dh_table_text(robot: RobotDescription, convention: TableConvention) -> str:
     """The robot as a table in `convention`, with its joint map and limits; what the table cannot hold is in base and
     tool. Raises InputError where a link is too long to be read back: axes just too far from parallel for β.
     """
-
     chain = (to_mdh if convention == "mdh-hayati" else to_craig)(robot.chain)
     assert isinstance(chain.table, LinkTable)
     _refuse_long_links(robot.name, chain.table.links)
@@ -155,7 +154,6 @@ class _Table:
 
     def link(self, row: int, convention: TableConvention, index: int, n: int) -> Link:
         """The link of a row."""
-
         theta, d, a, alpha = (self._number(row, name) or 0.0 for name in _LINK)
         beta = self._number(row, "beta", needed=False)
         for name, angle in (("theta", theta), ("alpha", alpha), ("beta", beta)):
@@ -174,7 +172,6 @@ class _Table:
 
     def frame(self, name: str) -> Floats | None:
         """The frame of row `name`, or None."""
-
         rows = [row for row, said in enumerate(self.data.texts("joint")) if said == name]
         for row in rows[1:]:
             self._note(row, f"a second row '{name}'", "remove one of them")

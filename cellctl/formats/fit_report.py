@@ -34,7 +34,6 @@ def sessions(measured: Measurements) -> list[dict[str, Any]]:
 
 def by_label(result: FitResult, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Figures of the held-out rows of each label; labels: one for each row, none where rows were held out at random."""
-
     of_rows, found = np.array(labels), {}
     for label in dict.fromkeys(labels):
         mine = of_rows == label
@@ -55,7 +54,6 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
     """Parameters of robot and tool further than `WIDE` tolerances from the robot file's, with their σ, without
     coefficients of random functions.
     """
-
     found = result.identification.identified
     unknowns, model = found.unknowns, found.state.model
     sigma, tolerances = np.sqrt(np.diag(found.covariance)), result.identification.nominal.unknowns.sigma
@@ -91,7 +89,6 @@ def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]
     position at the reading r + sign · δ. Only where the zeros alone were free: if the links are free as well, an error
     of a link may be confused with one of a zero.
     """
-
     freed = measured.task.freed
     if "zeros" not in freed or freed & {"links", "geometry"}:
         return []
@@ -133,7 +130,6 @@ def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] 
 
 def sentence(measured: Measurements, result: FitResult) -> str:
     """The verdict, with the figures that qualify it: σ over the region, scatter, held-out outliers."""
-
     kind, reason = measured.noun, result.verdict_reason
     if not result.n_test:
         mean = f"{result.fit.mean:.3f} mm (mean of {result.n_fit})"
@@ -201,7 +197,6 @@ def _tool_held(measured: Measurements, result: FitResult) -> Placing | None:
 
 def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:
     """Whether the base was held in partial work that failed, although registering nominal leaves far less."""
-
     task, place = measured.task, result.placing
     held = task.partial and "base" not in task.freed and result.verdict != "better"
     return held and place is not None and place.as_is_mm >= MOVED * result.nominal.rms

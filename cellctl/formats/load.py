@@ -60,7 +60,6 @@ class LoadRegion(BaseModel):
     @classmethod
     def of(cls, rows: Iterable[Postures]) -> Self | None:
         """The region of these rows; None where none states its payload."""
-
         stated = [(each.payload, each.payload_at) for each in rows if each.payload is not None and len(each)]
         if not stated:
             return None
@@ -99,7 +98,6 @@ class LoadRegion(BaseModel):
 
 def two_centres(at: Postures) -> tuple[int, int] | None:
     """Two rows (from 0) with a payload whose centres of gravity differ; None where there are none."""
-
     if at.payload is None or at.payload_at is None:
         return None
     loaded = np.flatnonzero(at.payload > 0.0)

@@ -62,7 +62,6 @@ def check_postures(postures: Sequence[Sequence[float]] | None, joints: int, what
 
 def check_covariance(covariance: Floats) -> None:
     """Refuse a covariance (P, P) that is not symmetric, or has a variance below 0 along any combination."""
-
     variances = np.diag(covariance)
     scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
     scaled = covariance / scale / scale[:, None]
@@ -174,7 +173,6 @@ class JointRegion(BaseModel):
     @classmethod
     def of(cls, region: MeasuredRegion, joints: JointMap) -> JointRegion:
         """A measured region, in model angles, as readings."""
-
         both = joints.readings(np.stack([region.lower, region.upper]))
         basis = region.coverage if isinstance(region.coverage, PostureBasis) else None
         return cls(
@@ -187,20 +185,17 @@ class JointRegion(BaseModel):
 
     def bounds(self, joints: JointMap) -> tuple[Floats, Floats]:
         """Least and greatest model angles (n,), rad."""
-
         both = joints.model(np.array([self.min, self.max]))
         return both.min(axis=0), both.max(axis=0)
 
     def coverage(self, joints: JointMap) -> Coverage:
         """Remaining variance at other postures, in model angles."""
-
         if self.postures and self.length:
             return PostureBasis(joints.model(np.array(self.postures)), float(np.deg2rad(self.length)))
         return JointBox(*self.bounds(joints))
 
     def inside(self, readings: Floats) -> Bools:
         """Which readings (N, n), deg, lie in the region (N,)."""
-
         return np.asarray((self._beyond(readings) <= REGION_MARGIN_DEG).all(axis=1))
 
     def _beyond(self, readings: Floats) -> Floats:
@@ -244,7 +239,6 @@ class ModelFile(BaseModel):
     @classmethod
     def _complete(cls, effects: list[dict[str, Any]] | None) -> list[dict[str, Any]] | None:
         """The settings of each effect, completed where an older file lacks some."""
-
         return None if effects is None else [settings_of(effect_of(settings)) for settings in effects]
 
     @classmethod
@@ -261,7 +255,6 @@ class ModelFile(BaseModel):
         prior: the model that it was updated from; its measured region grows only by rows that determined the
         robot's own parameters.
         """
-
         found = result.identification.identified
         unknowns, count = found.unknowns, found.unknowns.robot
         model = unknowns.start.model
@@ -309,7 +302,6 @@ class ModelFile(BaseModel):
 
     def robot_model(self) -> RobotModel:
         """The identified robot. Raises ValueError where the parameters are not those of the robot."""
-
         nominal = self._nominal()
         if set(self.start) != {"base", "tool"}:
             raise ValueError("it does not say from where base and tool start")
@@ -333,7 +325,6 @@ class ModelFile(BaseModel):
 
         Raises ValueError where the effects are not those of the robot.
         """
-
         if self.effects is None:
             bends = bool(self.parameters) and self.parameters[-1].name == DEFLECTION
             return nominal_model(self.robot, touched=bends)
@@ -345,7 +336,6 @@ class ModelFile(BaseModel):
 
     def _check_session(self, session: SessionPlace, parameters: Sequence[CalibrationParameter]) -> None:
         """Refuse a session's covariance that is invalid, or differs from the first session's in shared parameters."""
-
         if session.covariance is None:
             return
         if np.shape(session.covariance) != np.shape(self.covariance):
@@ -373,7 +363,6 @@ class ModelFile(BaseModel):
 
     def predict(self, readings: Floats, at: At | None = None, *, frame: Frame = "base") -> Prediction:
         """Tool poses and 1 σ (see `sigma`) at controller readings (N, n), deg; `at`: the same with their conditions."""
-
         postures = self.robot.joint_map().model(readings) if at is None else at
         return Prediction(self.robot_model().pose(postures), self.sigma(readings, at, frame=frame))
 
@@ -386,7 +375,6 @@ class ModelFile(BaseModel):
         kind: `absolute`, or `among` each other, without common rigid motions (ValueError for fewer than four). Outside
         the joint region σ is wider: one half-span outside the model is trusted no more than nominal.
         """
-
         postures = self.robot.joint_map().model(readings) if at is None else at
         chosen = frame if self.frame_of_points else "base"
         covariance = np.array(self.covariance)
@@ -398,13 +386,11 @@ class ModelFile(BaseModel):
         """Which readings (N, n), deg, lie in the measured region (N,), also that of its residual models; outside it the
         model extrapolates.
         """
-
         far = self._nominal().outside(self.robot.joint_map().model(readings)) > OUTSIDE
         return self.joint_region.inside(readings) & ~far
 
     def measured_region(self) -> MeasuredRegion:
         """The measured region, in model angles."""
-
         joints, region, own = self.robot.joint_map(), self.joint_region, self._nominal().residual_models
         lower, upper = region.bounds(joints)
         coverage = region.coverage(joints)

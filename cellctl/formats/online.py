@@ -43,7 +43,6 @@ class CorrectionFile(BaseModel):
         Where a table's rows are allowed, the correction is whole; outside it fades to zero over another such margin.
         Raises ValueError for a model with an effect that cannot be computed on-line.
         """
-
         region = model.joint_region
         found = online_arrays(
             model.robot_model(),

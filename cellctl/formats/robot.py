@@ -302,7 +302,6 @@ class RobotFile(BaseModel):
 
     def chain(self) -> SerialChain:
         """The nominal chain: links or axes, base and tool as in the file."""
-
         base, tool = _pose(self.base), _pose(self.tool)
         if self.convention == "poe":
             axes = [JointAxis.through(row.point, row.axis) for row in self.screws]
@@ -311,7 +310,6 @@ class RobotFile(BaseModel):
 
     def down(self) -> tuple[float, float, float]:
         """Direction of weight in the robot's own base frame (behind `base`): a unit vector."""
-
         tilt = self.mounting.tilt if isinstance(self.mounting, Tilt) else STANDING[self.mounting]
         turn = rotation_from_abc(tilt) @ rotation_from_abc(self.base.abc)
         x, y, z = (np.round(-turn[2], 15) + 0.0).tolist()  # the cosine of 90° is 0
@@ -319,17 +317,14 @@ class RobotFile(BaseModel):
 
     def joint_map(self) -> JointMap:
         """Controller readings (deg) to model angles (rad) and back."""
-
         return JointMap.from_lists([joint.sign for joint in self.joints], [joint.offset for joint in self.joints])
 
     def limits(self) -> Floats:
         """Joint limits (n, 2) in controller readings, deg: lower, upper."""
-
         return np.array([[joint.min, joint.max] for joint in self.joints])
 
     def max_speeds(self) -> Floats:
         """Greatest joint speeds (n,), deg/s."""
-
         return np.array([joint.max_speed for joint in self.joints])
 
     @model_serializer(mode="wrap")

@@ -55,7 +55,6 @@ def robot_errors(
     many is used. Left out are rows that are outliers for a geometric fit and also FAR away from the middle of all
     errors: what geometry alone does not explain is to be analysed. Raises InputError where the rows do not allow it.
     """
-
     total = len(measured.lines)
     chosen = np.sort(np.random.default_rng([seed, 32]).permutation(total)[:most])
     task, rows = measured.task, measured.task.rows.pick(chosen)
@@ -75,7 +74,6 @@ def robot_errors(
 
 def _far(errors: Floats, kept: Bools) -> Bools:
     """Which errors (N, 3) are FAR away from the middle of all: in distances of a typical one of those `kept`."""
-
     away = np.linalg.norm(errors - np.median(errors[kept], axis=0), axis=1)
     return np.asarray(away > FAR * np.median(away[kept]))
 
@@ -96,7 +94,6 @@ SIGNIFICANT = 0.05
 
 def similarity_report(errors: RobotErrors, found: Similarity, seed: int) -> dict[str, Any]:
     """All figures. Distances in mm and degrees, semivariances in variances; None for what cannot be computed."""
-
     size = np.linalg.norm(errors.found.errors, axis=1)
     return {
         "rows": errors.total,

@@ -142,7 +142,6 @@ def _record_cells(row: Row, pseudo: list[float]) -> list[float | None]:
 
 def _pseudo_targets(model: ModelFile, rows: list[Row]) -> list[list[float]]:
     """Where a controller with nominal kinematics believes its TCP at the compensated joints: X, Y, Z, A, B, C."""
-
     readings = np.array([row.compensated for row in rows])
     poses = nominal_chain(model).forward(model.robot.joint_map().model(readings))
     found = np.hstack([poses[:, :3, 3], abc_from_rotation(poses[:, :3, :3])]).round(9) + 0.0  # no minus zero

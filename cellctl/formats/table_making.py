@@ -27,7 +27,6 @@ def measured_postures(model: ModelFile) -> Postures:
 
     The approach of each joint is drawn, and the payload between those of the fit; temperature and currents are unknown.
     """
-
     region, loads, rng = model.joint_region, model.load_region, np.random.default_rng(SEED)
     readings = np.array(region.postures or [])
     if len(readings) < LEAST:
@@ -40,7 +39,6 @@ def measured_postures(model: ModelFile) -> Postures:
 
 def nominal_chain(model: ModelFile) -> SerialChain:
     """The nominal chain that `model` counts from: the robot file's links, with the fit's base and tool."""
-
     placed = nominal_model(model.robot).on(np.array(model.start["base"]), np.array(model.start["tool"]))
     return placed.chain
 
@@ -61,7 +59,6 @@ def compensated_targets(
     of an error map) in the frame of the model, in place of the identified robot; for `cyclic-search`. A target whose
     joints leave the limits of the robot file is not converged, with the joint as its reason.
     """
-
     joints = model.robot.joint_map()
     found = compensate(
         nominal_chain(model),
@@ -78,7 +75,6 @@ def compensated_targets(
 
 def _within_limits(found: Compensated, readings: Floats, limits: Floats) -> Compensated:
     """`found`, with a reason for each target that joints outside their limits (n, 2), deg, would reach."""
-
     beyond = (readings < limits[:, 0]) | (readings > limits[:, 1])
     reasons = list(found.reasons)
     for row in np.flatnonzero(found.converged & beyond.any(axis=1)).tolist():
@@ -91,7 +87,6 @@ def _within_limits(found: Compensated, readings: Floats, limits: Floats) -> Comp
 
 def usual_postures(model: ModelFile, targets: Floats) -> Floats:
     """Readings (N, n), deg, that reach `targets` (N, 4, 4) nominally, inside the model's region; NaN: none does."""
-
     joints, region = model.robot.joint_map(), valid_region(model)
     ends = np.sort(joints.model([region.min, region.max]), axis=0)
     return joints.readings(postures(nominal_chain(model), targets, ends[0], ends[1]))
@@ -113,7 +108,6 @@ def sigma_among_rows(model: ModelFile, rows: list[Row]) -> float | None:
     The part of `sigma_mm` without common rigid motions: the relevant one once the frame has been tied to something in
     the cell (a sphere, a fixture).
     """
-
     if len(rows) < 4 or any(row.sigma_mm is None for row in rows):
         return None
     return mean_rms_max(model.sigma(np.array([row.compensated for row in rows]), kind="among"))["rms"]
@@ -123,7 +117,6 @@ def _target_sigma(model: ModelFile, readings: Floats, errors: PredictedErrors | 
     """1 σ (N,), 3-D, mm, of the TCP predicted at controller readings (N, n), deg: the model's, in the frame of what was
     touched for a model from touches, as targets are built on its points; or that of `errors`, None without one.
     """
-
     if errors is None:
         return model.sigma(readings, frame="points")
     return errors.sigma(model.robot.joint_map().model(readings)) if isinstance(errors, MappedErrors) else None
@@ -142,7 +135,6 @@ def target_rows(
     The predicted errors are those of the joints as rounded for the controller: 1e-6° is 2e-5 mm at 1 m. exact: in full
     precision, where 1e-6 mm are left.
     """
-
     joints, identified, nominal = model.robot.joint_map(), model.robot_model(), nominal_chain(model)
 
     def away(readings: Floats) -> Floats:
@@ -174,7 +166,6 @@ def table_of(
 
     Raises ValueError where a target was not reached: leave it out before.
     """
-
     if not found.converged.all():
         rows = "; ".join(f"row {row}: {reason}" for row, reason in enumerate(found.reasons, 1) if reason)
         raise ValueError(f"targets that are not reached: {rows}")
@@ -208,6 +199,5 @@ def row_figures(rows: list[Row]) -> dict[str, Any]:
 
 def mean_rms_max(values: ArrayLike) -> dict[str, float]:
     """Mean, RMS and maximum of values (N,), N ≥ 1."""
-
     array = np.asarray(values, float)
     return {"mean": float(array.mean()), "rms": float(np.sqrt(np.mean(array**2))), "max": float(array.max())}

@@ -33,7 +33,6 @@ def read_targets(data: DataSet, robot: RobotFile) -> Targets:
 
     Raises InputError with every row that cannot be used: leaving one out would renumber those after it.
     """
-
     orientation = _orientation(data)
     sieve = Sieve(data)
     xyz = np.array([sieve.numbers(name) for name in "XYZ"]).T
@@ -69,7 +68,6 @@ def targets_text(targets: TargetSet) -> str:
 
     The empty columns are for the measurement. The nominal ones have other names: a fit cannot take them for measured.
     """
-
     nominal = np.column_stack([targets.poses[:, :3, 3], abc_from_rotation(targets.poses[:, :3, :3])])
     judged = bool(targets.held_out.any())
     axes = [f"A{number}" for number in range(1, targets.readings.shape[1] + 1)]
@@ -89,7 +87,6 @@ def read_path(file: Path) -> Floats:
 
     Raises InputError with every row that cannot be used, for fewer than two points, or a path without length.
     """
-
     data = DataSet.load(file)
     if missing := [name for name in MEASURED if not data.has(name)]:
         what = f"has no column {', '.join(missing)}"

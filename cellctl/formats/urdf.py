@@ -313,7 +313,6 @@ def _described(chain: UrdfChain) -> RobotDescription:
 
 def _origin(file: _File, joint: Element) -> Floats:
     """From the parent link's frame to the joint's (4, 4), mm."""
-
     origin = joint.first("origin")
     xyz = file.numbers(origin, "xyz", (0.0, 0.0, 0.0))
     roll, pitch, yaw = file.numbers(origin, "rpy", (0.0, 0.0, 0.0))
@@ -351,7 +350,6 @@ def urdf_text(robot: RobotDescription) -> str:
     """The robot as URDF: from `world` (where the base is not its origin) over `base_link`, `link_1` … `link_n` and the
     flange `tool0` to `tcp` (where there is a tool). Joints without limits become continuous. No masses, no shapes.
     """
-
     chain = robot.chain.with_base(np.eye(4))
     frames = chain.frames(robot.joint_map().model(np.zeros(chain.n)))
     steps = [
@@ -377,7 +375,6 @@ def urdf_text(robot: RobotDescription) -> str:
 
 def origin_words(step: Floats) -> tuple[list[str], list[str]]:
     """A pose (4, 4), mm, as an `<origin>` has it: x, y, z in m; roll, pitch, yaw (R = Rz Ry Rx) in rad."""
-
     xyz = [_metres(value) for value in step[:3, 3].tolist()]
     return xyz, [_radians(value) for value in reversed(abc_from_rotation(step[:3, :3]).tolist())]
 

@@ -234,7 +234,6 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
     Without a chosen robot, the best suggestion is taken, if one agrees with the rows. Raises InputError where the file
     cannot be read.
     """
-
     with inside(folder):
         record = _with_robot_file(Analysis.load(Path()))
         robot = Path(record.robot) if record.robot else None
@@ -341,7 +340,6 @@ def _fitted(progress: Progress) -> Outcome:
 
 def _urdf(model: Any) -> tuple[str, ...]:
     """Write the URDF; what it cannot hold, or why there is none."""
-
     try:
         made = exported(model_source(model, MODEL), "urdf", ExportOptions())
     except InputError as error:

@@ -51,7 +51,6 @@ def compensate_analysis(
 
     Raises InputError where the model, the files or a point do not allow it.
     """
-
     with inside(folder):
         if not Path(MODEL).is_file():
             raise InputError(Problem(folder.name, 0, 0, "has no model yet", "fit first"))
@@ -115,7 +114,6 @@ def _targets(model: Any, file: Path, request: ProgramRequest, out: Path) -> dict
 
 def _target_set(file: Path, request: ProgramRequest) -> tuple[Any, list[dict[str, Any]]]:
     """The targets as a data set, and what an import left out."""
-
     if file.suffix.lower() == ".csv" and not request.orientation:
         return DataSet.load(file), []
     found = imported_targets(file, choices({"orientation": request.orientation or None}))

@@ -229,7 +229,6 @@ class _Comparison:
 
     def _tool_and_sigma(self, variance: Floats, at: Floats) -> tuple[Floats, float]:
         """Basis (3N, 3) of a tool's translation, and the RMS over the postures of what σ explains, mm."""
-
         of_a, of_b = (dict(zip(model.names, shape_columns(model, at).T, strict=True)) for model in self._models)
         tool, _ = np.linalg.qr(np.stack([of_a[f"tool_{axis}"] for axis in "xyz"], axis=1))
         columns = np.stack([(of_b | of_a)[name] for name in self._known], axis=1)
@@ -264,7 +263,6 @@ def _test(difference: Floats, variance: Floats) -> tuple[float, int, float]:
 
     Combinations without variance do not count. Both tests are corrected for their number (Bonferroni).
     """
-
     sigma = np.sqrt(np.maximum(np.diag(variance), 0.0))
     used = sigma > 0.0
     if not used.any():
@@ -292,7 +290,6 @@ def _with_tool(model: RobotModel, tool: Floats, at: Floats) -> Floats:
 
 def _moved_onto(points: Floats, others: Floats) -> Floats:
     """`points` (N, 3), carried nearest to `others` by a rigid motion."""
-
     pose = rigid_fit(points, others)
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 

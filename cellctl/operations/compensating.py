@@ -212,7 +212,6 @@ def try_targets(
     correction_deg: float = math.inf,
 ) -> Tried:
     """Compensate what can be; the others have their reasons. Arguments as in `compensate_targets`."""
-
     postures = wanted.postures if wanted.postures is not None else usual_postures(model, wanted.poses)
     started = np.asarray(np.isfinite(postures).all(axis=1))
     start = np.where(np.isfinite(postures), postures, 0.0)
@@ -230,7 +229,6 @@ def try_targets(
 
 def refuse_model(model: ModelFile, file: str) -> None:
     """Raise InputError if targets, as those of `file`, lack data that `model` needs for a prediction."""
-
     loads = model.load_region
     if loads and loads.min < loads.max and loads.min > 0.0:
         what = f"the model was identified with {loads.min:g} … {loads.max:g} kg, and a table is for no payload"
@@ -303,7 +301,6 @@ def compare_methods(model: ModelFile, wanted: Targets, file: str, correction_deg
 
     Raises InputError for a model that cannot predict a target without further data.
     """
-
     refuse_model(model, file)
     return [_figures(model, wanted, method, correction_deg) for method in METHODS]
 

@@ -75,7 +75,6 @@ class DailyHistory:
 
     def to_json(self) -> dict[str, Any]:
         """As JSON has it; the first moving range of a chart is null."""
-
         names = ("robot", "baseline", "payload_kg", "accuracy", "provisional")
         charts = [{"name": name, "unit": "mm", **_json(chart)} for name, chart in self.charts.items()]
         return {

@@ -81,14 +81,12 @@ class Exported:
 
 def model_source(model: ModelFile, file: str) -> Source:
     """A model; `file` names it in errors."""
-
     identified = RobotDescription.of(model.robot, model.robot_model().chain)
     return Source(file, identified, RobotDescription.of(model.robot), model)
 
 
 def read_source(path: Path, tip: str | None, table: str | None, repeatability: float | None) -> Source:
     """The robot or model of a file, by its suffix. Raises InputError where it is none, or states its repeatability."""
-
     model = None
     match path.suffix.lower():
         case ".json":
@@ -138,7 +136,6 @@ def _of_nominal(fitted: FittedForm) -> str:
 
 def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
     """Titles of the effects, which no form has a place for, and which of them the distance from the model lacks."""
-
     found = effects_left_out(model)
     uncounted = [title for title, counted in found.items() if not counted]
     return list(found), [f"{title} is not in this distance: its conditions are unknown" for title in uncounted]
@@ -146,7 +143,6 @@ def _effects(model: ModelFile) -> tuple[list[str], list[str]]:
 
 def _geometry(source: Source, form: str, options: ExportOptions) -> tuple[str | bytes, list[str], dict[str, Any]]:
     """Content, notes and figures of a form that holds the geometry of the links."""
-
     robot = source.robot
     if form in ROBOT_FILES:
         return robot_text(robot, ROBOT_FILES[form], source.file), [], {}

@@ -89,7 +89,6 @@ class Asked:
 
     def model_problem(self) -> None:
         """Raise InputError if the model has no such name."""
-
         ModelTerms.parse(self.model)
 
     def _measure(self) -> list[Problem]:
@@ -115,7 +114,6 @@ class Asked:
 
 def spacing_of(words: str) -> Spacing:
     """A known distance from its words. Raises InputError."""
-
     return Spacing.parse(words)
 
 

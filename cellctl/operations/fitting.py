@@ -89,7 +89,6 @@ def _labels(measured: Measurements, column: str) -> list[str]:
 
 def _enough(measured: Measurements, split: Split) -> Split:
     """`split`, unless a part of it has fewer different rows than registration alone has unknowns."""
-
     least, seen = measured.task.rows_at_least, np.array(measured.sightings())
     parts = [split.fit, *(part for part, _ in split.judged)]
     fewest, rows = min((len(np.unique(seen[part])), len(part)) for part in parts)
@@ -129,7 +128,6 @@ class FitInput:
     @classmethod
     def load(cls, robot: Path, data: Path, asked: Asked) -> Self:
         """Read the files of a fit. Raises InputError with all their errors; swapped files are recognised."""
-
         artefact, prior = asked.artefact, asked.prior
         try:
             return cls.read(
@@ -171,13 +169,11 @@ class Fitted:
 
     def model(self) -> ModelFile:
         """The model file."""
-
         given = self.given
         return ModelFile.of(given.robot, self.measured, self.result, given.hashes, given.prior)
 
     def page(self, robot: str, data: str) -> str:
         """The report as an HTML page; `robot`, `data`: names of these files on it."""
-
         sources = {"robot file": robot, "data set": f"{data}, SHA-256 {self.given.data.sha256[:12]}…"}
         return fit_page(FitStory.of(self.measured, self.result, self.split, self.report, sources))
 
@@ -188,7 +184,6 @@ def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | Non
     check: look for set-up errors first. shown: makes the progress report of `check` and of `fit`. The options are
     checked before (`Asked.refuse`). Raises InputError where data, options and files do not allow a fit.
     """
-
     measured = measured_rows(given, asked)
     refuse_alike(measured)
     split, labels = split_of(measured, judging)
@@ -204,7 +199,6 @@ def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | Non
 
 def robot_of(path: Path) -> tuple[Document, RobotFile]:
     """The robot file, read once: it may change while the fit runs, or be a pipe."""
-
     document = load_yaml(path, ROBOT)
     return document, RobotFile.from_document(document)
 
@@ -225,7 +219,6 @@ def _is_robot(path: Path) -> bool:
 
 def measured_rows(given: FitInput, asked: Asked) -> Measurements:
     """The usable rows for the fit. Raises InputError where data and options do not allow one."""
-
     measured = measurements(
         given.robot,
         given.data,

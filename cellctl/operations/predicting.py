@@ -36,7 +36,6 @@ class Predicted:
 
     def records(self) -> list[dict[str, Any]]:
         """The rows of `cellctl predict`: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen."""
-
         turns = abc_from_rotation(self.poses[:, :3, :3])
         values = np.column_stack([self.readings, self.poses[:, :3, 3], turns, self.sigma_mm])
         joints = (f"A{number}" for number in range(1, self.readings.shape[1] + 1))
@@ -49,7 +48,6 @@ class Predicted:
 
     def text(self) -> str:
         """The records as CSV."""
-
         return text_of(self.records())
 
 
@@ -58,7 +56,6 @@ def predict_rows(model: ModelFile, data: DataSet, *, frame: str = "base") -> Pre
 
     Raises InputError with every row that cannot be used: leaving some out would shift the others' lines.
     """
-
     chosen = next((each for each in FRAMES if each == frame), None)
     if chosen is None:
         raise InputError(Problem("--frame", 0, 0, f"'{frame}' is not known", f"one of: {', '.join(FRAMES)}"))
@@ -84,7 +81,6 @@ def predict_rows(model: ModelFile, data: DataSet, *, frame: str = "base") -> Pre
 
 def _refuse_radians(model: ModelFile, data: DataSet, readings: Floats) -> None:
     """Raise InputError where all readings, deg, are outside the measured region, and all would be inside as radians."""
-
     if data.has("A1") and not model.inside(readings).any() and model.inside(np.rad2deg(readings)).all():
         last = readings.shape[1]
         what = f"A1…A{last} are radians: no row is inside the measured region as degrees, and all are as radians"

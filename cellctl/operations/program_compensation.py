@@ -117,7 +117,6 @@ class CompensatedFiles:
 
     def texts(self) -> dict[Part, bytes]:
         """The content of the changed files."""
-
         return program_text(self.program, self.paths)
 
     def figures(self, files: list[Path]) -> dict[str, Any]:
@@ -201,7 +200,6 @@ def _figures(
     found: CompensatedProgram, paths: Sequence[ProgramPath], tolerance: float, method: str, files: list[Path]
 ) -> dict[str, Any]:
     """All that is known of the compensated program, as JSON."""
-
     changed = list(found.changed.values())
     columns = ("correction_mm", "correction_deg", "before_mm", "after_mm")
     return {

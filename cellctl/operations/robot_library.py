@@ -79,7 +79,6 @@ def reach_mm(robot: RobotFile) -> float:
 
     Found by turning one joint after the other to its best angle on a grid that narrows, from several postures.
     """
-
     chain, joints, limits = robot.chain().with_base(np.eye(4)), robot.joint_map(), robot.limits()
     reached = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (6, robot.n))
     for share in (1.0, 1.0, 1.0, 0.1, 0.1, 0.01):

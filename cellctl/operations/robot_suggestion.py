@@ -136,7 +136,6 @@ def _sample(data: DataSet) -> DataSet:
 
 def _tried(name: str, robot: RobotFile, sample: DataSet, artefact: Artefact | None) -> Suggestion | None:
     """None where no row can be of this robot."""
-
     try:
         rows = measurements(robot, sample, model="registration", artefact=artefact)
     except InputError:

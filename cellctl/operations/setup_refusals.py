@@ -39,7 +39,6 @@ class SetupFiles:
 
     def points(self) -> Artefact | None:
         """The artefact; None where the file has none, as a cell file of a campaign without spheres."""
-
         try:
             return load_artefact(self.artefact) if self.artefact else None
         except InputError:
@@ -54,7 +53,6 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
     distances are checked; if none explains the misfit, robot file and data may not belong together, or the file may be
     that of another robot of the same family.
     """
-
     found = check_setup(measured.task, measured.robot.joint_map(), measured.readings, progress)
     problems = [
         _problem(files, measured, error, change, _others(found.errors, error))
@@ -72,7 +70,6 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
 
 def _another_robot(files: SetupFiles, measured: Measurements, fit: WideFit) -> list[Problem]:
     """The problem that the rows are of another robot than the file; none where they can be of this one."""
-
     if not fit.unrelated and not fit.wrong_lengths:
         return []
     nearer = nearer_robots(measured.robot, measured.data, files.points())
@@ -84,7 +81,6 @@ def _another_robot(files: SetupFiles, measured: Measurements, fit: WideFit) -> l
 
 def _wrong_lengths(files: SetupFiles, fit: WideFit, library: str) -> Problem:
     """The problem that links have other lengths than the robot file, at the one that is furthest off."""
-
     lengths = ", ".join(f"{each.parameter.label} {each.deviation_mm:+.3g} mm" for each in fit.wrong_lengths)
     what = (
         f"this is not the robot that was measured: its rows need other lengths, {lengths} (RMS {fit.nominal_mm:.3g} → "
@@ -113,7 +109,6 @@ def _unrelated(files: SetupFiles, fit: WideFit, library: str) -> Problem:
 
 def _cure(contradicted: SpacingError | ScaleError, *, several: bool) -> str:
     """What to look at, and whether another of the named distances may be the wrong one."""
-
     if isinstance(contradicted, ScaleError):
         return "mm? another unit, or an artefact of another size? correct them or leave them out"
     cure = "mm? the right two points? correct it or leave it out"

@@ -83,7 +83,6 @@ class Understood:
 
     def to_json(self) -> dict[str, Any]:
         """All of it as JSON; `facts`: the words."""
-
         return {**asdict(self), "facts": [list(pair) for pair in self.words()]}
 
     def _rows_words(self) -> str:

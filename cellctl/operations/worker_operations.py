@@ -38,19 +38,16 @@ def examine(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 
 def understand(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder` → what its data are understood as."""
-
     return understand_analysis(Path(request["folder"]), _progress(tell))
 
 
 def fit(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder`, `settings` → how the fit ended."""
-
     return fit_analysis(Path(request["folder"]), FitSettings(**request["settings"]), _progress(tell)).to_json()
 
 
 def compensate(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder`, `number`, `program` → the compensated program."""
-
     given = request["program"]
     program = ProgramRequest(**{**given, "files": tuple(given["files"])})
     return compensate_analysis(Path(request["folder"]), request["number"], program, _progress(tell))
@@ -62,20 +59,17 @@ def _progress(tell: Tell) -> Progress:
 
 def replay(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Replay the run in the folder `place`."""
-
     return replay_run(Path(request["place"]), lambda step: tell({"doing": f"computing {step}", "share": 0.0})).to_json()
 
 
 def report(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Write the report of the run in the folder `place` again."""
-
     tell({"doing": "writing the report", "share": 0.0})
     return {"file": write_report(Path(request["place"])).name}
 
 
 def export(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Export the run in the folder `place` as `form` to the file `target`."""
-
     tell({"doing": f"exporting {request['form']}", "share": 0.0})
     found = export_run(Path(request["place"]), Form(request["form"]))
     write_atomically(Path(request["target"]), found.content)
@@ -84,13 +78,11 @@ def export(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 
 def look_at_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """What a `TableRequest` would change."""
-
     tell({"doing": "connecting to the controller", "share": 0.1})
     return look(TableRequest.from_json(request))
 
 
 def act_on_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Carry out a `TableRequest`."""
-
     tell({"doing": "connecting to the controller", "share": 0.1})
     return act(TableRequest.from_json(request))

@@ -158,7 +158,6 @@ def linear_drift(touch: ArrayLike, shift_mm: ArrayLike, sigma_mm: float) -> Drif
     t test of the slope. Its scatter is pooled from the prior `sigma_mm`, with `KNOWN_FROM` cycles, and the visits about
     the line, with V − 2: a few visits alone give a poor estimate. Fewer than three visits show no drift.
     """
-
     number, shift = np.asarray(touch, float), np.asarray(shift_mm, float)
     visits = int(number.size)
     if visits < 3 or np.ptp(number) == 0.0:

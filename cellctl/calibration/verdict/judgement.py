@@ -188,7 +188,6 @@ def _sigma_trusted(rows: HeldOut, doubts: Sequence[str]) -> tuple[bool | None, s
 
 def _predicted(rows: HeldOut, found: float) -> bool:
     """Whether the found errors (`found`: their RMS, mm) are those predicted, by coverage or by size."""
-
     count = max(round(rows.count), 1)
     covered = float(binomial_cdf(round(float(rows.inside.mean()) * count), count, 0.95)) >= UNLIKELY
     return covered or rows.predicted_rms * FAR >= found
@@ -223,7 +222,6 @@ def rows_for_better(nominal: Floats, identified: Floats) -> int | None:
 
 def _bound(gain: Floats, rows: Any) -> Any:
     """A mean of `rows` differences with the scatter of `gain` (N,), mm, is significant beyond this, mm."""
-
     return t_ppf(0.975, np.asarray(rows) - 1) * gain.std(ddof=1) / np.sqrt(rows)
 
 

@@ -155,7 +155,6 @@ async def job(
 @router.get("/compare", responses=READS)
 async def compare(a: Annotated[str, _text("First run")], b: Annotated[str, _text("Second run")]) -> dict[str, Any]:
     """Two runs side by side: facts, errors (mm), and parameters of their models with the difference and its 1 σ."""
-
     first, second = run_place(a), run_place(b)
     return (await asyncio.to_thread(compare_runs, first, second)).to_json()
 
@@ -166,7 +165,6 @@ async def drift(
     parameter: Annotated[list[str], Query(max_length=200, description="Names of parameters")] = [],  # noqa: B006
 ) -> dict[str, Any]:
     """Parameters of one robot's models over its runs, with their trends for 30 days; by default all determined ones."""
-
     rows = await known_rows()
     return (await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter)).to_json()
 
@@ -176,7 +174,6 @@ async def daily(
     baseline_runs: Annotated[int | None, Query(ge=2, le=1000, description="Number of the first checks")] = None,
 ) -> dict[str, Any]:
     """Histories of daily checks with control charts (mm). baseline_runs: first checks that give the limits."""
-
     found = await asyncio.to_thread(daily_histories, console().runs, baseline_runs)
     left_out = [{"run": name, "why": why} for name, why in found.left_out]
     return {"histories": [history.to_json() for history in found.histories], "left_out": left_out}

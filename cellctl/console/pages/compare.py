@@ -161,7 +161,6 @@ class _DriftView:
 
     async def show(self, serial: str) -> None:
         """Show the robot `serial`."""
-
         found = await asyncio.to_thread(parameter_drift, console().runs, self._rows, serial)
         assert self.area is not None
         self.area.clear()

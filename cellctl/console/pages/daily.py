@@ -39,7 +39,6 @@ class _Daily:
 
     async def read(self) -> None:
         """Read the histories in a thread, if a daily check has begun, ended or gone."""
-
         now = [(row.run, row.state) for row in console().live.rows if SECTION in row.summary]
         if now == self._seen:
             return

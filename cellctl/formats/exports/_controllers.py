@@ -53,7 +53,6 @@ def joint_zeros(model: ModelFile) -> JointZeros:
     A joint's zero is found with all else that the controller cannot take (lengths, angles of axes, effects) held at the
     robot file's values; so it is not the parameter of the model, but the offset that leaves the smallest error.
     """
-
     form = fitted_zeros(model)
     return JointZeros(model.robot.joint_map().sign * np.rad2deg(zeros_of(form.chain)) + 0.0, form)
 
@@ -66,7 +65,6 @@ def kuka_text(name: str, zeros: JointZeros, tool: int, base: int) -> str:
 
     BASE_DATA is the measuring frame in the robot's root frame: it holds where `$ROBROOT` is zero.
     """
-
     last = len(zeros.offsets)
     held = {1: f"held by BASE_DATA[{base}]", last: f"held by TOOL_DATA[{tool}]"}
     rows = [

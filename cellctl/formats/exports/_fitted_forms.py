@@ -30,7 +30,6 @@ class Cost:
     @classmethod
     def of(cls, chain: SerialChain, q: Floats, goal: Floats) -> Self:
         """Of a chain's TCP at model angles q (N, n), rad, from that of poses `goal` (N, 4, 4), mm."""
-
         distances = np.linalg.norm((chain.forward(q) - goal)[:, :3, 3], axis=1)
         return cls(float(np.sqrt(np.mean(distances**2))), float(distances.max()), len(distances))
 
@@ -49,7 +48,6 @@ def effects_left_out(model: ModelFile) -> dict[str, bool]:
 
     The value is whether a `Cost` counts it: not where it needs a temperature or currents.
     """
-
     identified, at = model.robot_model(), measured_postures(model)
     chain, deviations = len(identified.chain.parameters), identified.deviations
     start, found = chain, {}
@@ -108,13 +106,11 @@ class FittedForm:
 
 def fitted_geometry(model: ModelFile) -> FittedForm:
     """Links, base and tool (`cellctl.compensation.with_geometry`)."""
-
     return _fitted(model, with_geometry)
 
 
 def fitted_zeros(model: ModelFile) -> FittedForm:
     """Joint zeros, base and tool (`cellctl.compensation.with_zeros_and_frames`)."""
-
     return _fitted(model, with_zeros_and_frames)
 
 
@@ -129,7 +125,6 @@ def _fitted(model: ModelFile, nearest: Nearest) -> FittedForm:
 
 def _held_out(controller: SerialChain, identified: RobotModel, at: Postures, nearest: Nearest) -> float:
     """RMS distance, mm, at each fifth of the postures of the chain nearest at the others."""
-
     goal, fold, distances = identified.tcp(at), np.arange(len(at)) % FOLDS, np.empty(len(at))
     for part in range(FOLDS):
         held = fold == part

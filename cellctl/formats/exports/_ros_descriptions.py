@@ -45,7 +45,6 @@ class ReadingAxes:
 
 def reading_axes(robot: RobotDescription) -> ReadingAxes:
     """The axes of a robot without deviations (`RobotDescription.of`)."""
-
     joints = robot.joint_map()
     frames = robot.chain.with_base(np.eye(4)).frames(joints.model(np.zeros(joints.n)))
     return ReadingAxes(frames[:-1, :3, 3], frames[:-1, :3, 2] * joints.sign[:, None], frames[-1])
@@ -57,7 +56,6 @@ def nearest_on_axis(frame: Floats, point: Floats, along: Floats, axis: Floats) -
     Its origin is on the line, and its direction `axis` (in its own frame, unit vector) is `along`: the least turn and
     the least shift that do so. Raises ValueError where `axis` points against `along`.
     """
-
     before = frame[:3, :3] @ axis
     cosine = float(before @ along)
     if cosine < -0.5:
@@ -71,7 +69,6 @@ def nearest_on_axis(frame: Floats, point: Floats, along: Floats, axis: Floats) -
 
 def turned_by(frame: Floats, other: Floats) -> float:
     """Angle between two poses (4, 4), rad."""
-
     return float(np.linalg.norm(rotation_vector(frame[:3, :3].T @ other[:3, :3])))
 
 
@@ -90,7 +87,6 @@ def urdf_into(
     nominal robot's flange and the URDF give it relative to the flange. Raises InputError, naming each joint, where the
     URDF is another robot, or counts its joints otherwise.
     """
-
     chain = load_chain(path, tip)
     links = _link_frames(chain.joints)
     usual = reading_axes(nominal)
@@ -111,13 +107,11 @@ def urdf_into(
 
 def _link_frames(joints: Iterable[UrdfJoint]) -> list[Floats]:
     """Pose of each joint's child link (4, 4) in the root link at positions 0, mm."""
-
     return list(itertools.accumulate((joint.origin for joint in joints), np.matmul))
 
 
 def _origins(joints: tuple[UrdfJoint, ...], wished: list[Floats], goal: ReadingAxes) -> tuple[list[Floats], Floats]:
     """Each joint's new origin (4, 4), and the pose of the last turning link's wished frame in its frame."""
-
     here, rest, origins, turned = np.eye(4), np.eye(4), [], 0
     for joint, frame in zip(joints, wished, strict=True):
         step = joint.origin
@@ -131,7 +125,6 @@ def _origins(joints: tuple[UrdfJoint, ...], wished: list[Floats], goal: ReadingA
 
 def _root_of_base(file: str, chain: UrdfChain, links: list[Floats], usual: ReadingAxes) -> Floats:
     """Pose of the nominal robot's base (4, 4) in the URDF's root link, at which their axes coincide."""
-
     pairs = zip(chain.joints, links, strict=True)
     placed = [(joint, frame[:3, 3], frame[:3, :3] @ joint.axis) for joint, frame in pairs if joint.axis is not None]
     if len(placed) != len(usual.points):
@@ -189,7 +182,6 @@ def _edited(path: Path, chain: UrdfChain, origins: list[Floats]) -> bytes:
 
 def _same(before: Floats, after: Floats) -> bool:
     """Equal up to rounding: 1e-9 mm, and 1e-12 of a rotation matrix."""
-
     return bool(np.abs(after - before)[:3, 3].max() < 1e-9 and np.abs(after - before)[:3, :3].max() < 1e-12)
 
 
@@ -230,7 +222,6 @@ def ur_calibration(nominal: RobotDescription, found: RobotDescription, file: str
     is the one on its axis that is nearest to the nominal one, so that no number grows where axes are almost parallel.
     Raises InputError where `nominal` (of `file`) is not built as a UR, or is given in another base frame.
     """
-
     usual = [*_nominal_frames(nominal, file)[:-1], reading_axes(found).flange]
     axes, z = reading_axes(found), np.array([0.0, 0.0, 1.0])
     frames = [np.eye(4)]
@@ -260,7 +251,6 @@ def hash_of(path: Path) -> str:
 
 def _nominal_frames(nominal: RobotDescription, file: str) -> list[Floats]:
     """The maker's frames (4, 4) at readings 0, in the controller's base frame, if the robot is built as a UR."""
-
     joints = nominal.joint_map()
     if joints.n != len(LINKS) or (joints.sign != 1.0).any():
         what = f"is no UR robot: it has {joints.n} joints, with readings counted {_senses(joints.sign)}"

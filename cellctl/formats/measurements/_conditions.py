@@ -42,7 +42,6 @@ class Conditions:
 
     def at(self, rows: Collection[int]) -> Postures:
         """Postures of the robot at `rows`, with their conditions."""
-
         chosen = list(rows)
         parts = (self.approach, self.delta_t, self.payload, self.payload_at, self.currents)
         return Postures(self.q[chosen], *(None if part is None else part[chosen] for part in parts))
@@ -74,7 +73,6 @@ def _payload(sieve: Sieve) -> Floats | None:
 
 def _payload_at(sieve: Sieve, payload: Floats) -> Floats | None:
     """`payload_x`, `payload_y`, `payload_z`; without a payload, where the others' is on average."""
-
     if not any(any(sieve.data.texts(name)) for name in PAYLOAD_AT):
         return None
     loaded = np.flatnonzero(payload > 0.0).tolist()
@@ -87,7 +85,6 @@ def _payload_at(sieve: Sieve, payload: Floats) -> Floats | None:
 
 def _approach(sieve: Sieve, robot: RobotFile) -> Floats | None:
     """`D1…Dn`, as the controller counts, in the model's sense: None where no column is filled."""
-
     names = [f"D{number}" for number in range(1, robot.n + 1)]
     if not any(any(sieve.data.texts(name)) for name in names):
         return None
@@ -101,7 +98,6 @@ def _approach(sieve: Sieve, robot: RobotFile) -> Floats | None:
 
 def _currents(sieve: Sieve, robot: RobotFile) -> Floats | None:
     """`I1…In`, as the controller counts, in the model's sense; NaN where one is missing. None: no column is filled."""
-
     names = [f"I{number}" for number in range(1, robot.n + 1)]
     if not any(any(sieve.data.texts(name)) for name in names):
         return None

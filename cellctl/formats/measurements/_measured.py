@@ -88,7 +88,6 @@ class Measurements:
         """A number for each row's measurement (N,): the same for repeats of one kind, session, point, zero and
         posture.
         """
-
         blocks = self.task.rows.blocks
         number = np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
         point, datum = (
@@ -173,7 +172,6 @@ def _refuse_two_centres(data: DataSet, at: Postures, order: Sequence[int]) -> No
 
 def _refuse_missing_currents(data: DataSet, terms: ModelTerms, at: Postures, order: Sequence[int]) -> None:
     """A model with motor currents needs them in every row, those that judge it included."""
-
     motor = MotorTorsion.group
     if motor not in terms.terms or at.currents is None:
         return
@@ -187,7 +185,6 @@ def _refuse_missing_currents(data: DataSet, terms: ModelTerms, at: Postures, ord
 
 def tolerances_of(robot: RobotFile) -> Tolerances:
     """The tolerances stated in the robot file; the estimator's defaults for the rest."""
-
     said = robot.tolerances.model_dump(exclude_none=True) if robot.tolerances else {}
     return Tolerances(**said)
 

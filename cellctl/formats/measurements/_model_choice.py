@@ -66,7 +66,6 @@ class ModelTerms:
 
     def candidates(self, robot: RobotFile, at: Postures) -> tuple[Effect, ...] | None:
         """For auto the effects that these rows can support, in the order to be tried; None where the model is fixed."""
-
         if not self.auto:
             return None
         setup = inputs_of(robot, at)
@@ -76,7 +75,6 @@ class ModelTerms:
 
 def inputs_of(robot: RobotFile, at: Postures) -> EffectInputs:
     """Inputs of the effects: the robot file's robot, and its rows' conditions."""
-
     return EffectInputs(robot.chain(), at, robot.tool.mass, robot.down())
 
 
@@ -84,7 +82,6 @@ def nominal_model(robot: RobotFile, *, touched: bool = False) -> RobotModel:
     """The robot as in its file; `touched`: with the effects of every touching tool, as far as the file supports
     them.
     """
-
     if not touched:
         return RobotModel(robot.chain())
     setup = inputs_of(robot, Postures(np.zeros((0, robot.n))))
@@ -94,7 +91,6 @@ def nominal_model(robot: RobotFile, *, touched: bool = False) -> RobotModel:
 
 def _effects() -> dict[str, type[Effect]]:
     """The effects that a user may name, by name."""
-
     return {group: kind for group, kind in kinds().items() if kind.chosen in ("named", "tried")}
 
 

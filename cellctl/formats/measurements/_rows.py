@@ -37,14 +37,12 @@ class Positions:
     @classmethod
     def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
         """The positions at `rows`."""
-
         xyz = np.array([sieve.numbers(name, rows=rows) for name in PLACE]).T
         sigma = place_sigma(sieve, robot, rows)
         return cls(xyz, sigma, covariances(sieve, sigma, rows), sieve.data.texts("zero"))
 
     def block(self, rows: list[int], at: Postures, session: int, datums: Sequence[str] = ()) -> PositionRows:
         """Those at `rows`, for the estimator, which counts the zeros by `datums`."""
-
         block = PositionRows(at, self.xyz[rows], self.sigma[rows], session)
         if self.covariance is not None:
             block = PositionRows.of(at, self.xyz[rows], self.covariance[rows], session)
@@ -68,7 +66,6 @@ class Poses:
     @classmethod
     def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
         """The poses at `rows`."""
-
         xyz = np.array([sieve.numbers(name, rows=rows) for name in PLACE]).T
         quaternions = any(any(sieve.data.texts(name)) for name in QUATERNION)
         turns = np.array([sieve.numbers(name, rows=rows) for name in (QUATERNION if quaternions else ABC)]).T
@@ -80,7 +77,6 @@ class Poses:
 
     def block(self, rows: list[int], at: Postures, session: int, datums: Sequence[str] = ()) -> PoseRows:
         """Those at `rows`, for the estimator, which counts the zeros by `datums`."""
-
         rotation = rotation_from_quaternion if self.turns.shape[1] == len(QUATERNION) else rotation_from_abc
         poses = pose(rotation(self.turns[rows]), self.xyz[rows])
         block = PoseRows(at, poses, self.sigma[rows], session)
@@ -91,7 +87,6 @@ class Poses:
 
 def _datum(zeros: Sequence[str], rows: list[int], datums: Sequence[str]) -> Any:
     """Number of each row's zero (N,) among `datums`, −1 for none; None where no row has one."""
-
     numbers = {name: number for number, name in enumerate(datums)}
     found = np.array([numbers.get(zeros[row], -1) for row in rows])
     return found if (found >= 0).any() else None
@@ -116,7 +111,6 @@ class Reaches:
     @classmethod
     def of_touches(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
         """Touches at `rows`: sphere radius plus tip radius."""
-
         names = sieve.data.texts("sphere")
         reach = np.array(_touched(sieve, artefact, names, rows))
         return cls(names, reach, distance_sigma(sieve, robot, rows), [""] * len(names))
@@ -124,7 +118,6 @@ class Reaches:
     @classmethod
     def of_distances(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
         """Distances at `rows`, as shown by a ball-bar or a draw-wire."""
-
         names, reach = sieve.data.texts("anchor"), sieve.numbers("distance", rows=rows)
         zeros = sieve.data.texts("zero")
         for row in rows:
@@ -136,7 +129,6 @@ class Reaches:
 
     def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str] = ()) -> TouchRows:
         """Those at `rows`, at the points of numbers `points`, for the estimator, which counts the zeros by `datums`."""
-
         numbers = {name: number for number, name in enumerate(datums)}
         datum = np.array([numbers.get(self.zeros[row], -1) for row in rows])
         return TouchRows(at, points, self.reach[rows], self.sigma[rows], session, datum)
@@ -161,7 +153,6 @@ class Sockets:
 
     def block(self, rows: list[int], at: Postures, session: int, points: Any) -> SocketRows:
         """Those at `rows`, in the sockets of numbers `points`, for the estimator."""
-
         return SocketRows(at, points, self.sigma[rows], session)
 
 
@@ -179,7 +170,6 @@ class Planes:
         """Touches at `rows`: by tip radius plus drift. A plane that the artefact has as a point, or not at all where it
         has planes, is rejected.
         """
-
         names, known = sieve.data.texts("plane"), [plane.id for plane in artefact.planes] if artefact else []
         points = {point.id for point in artefact.points} if artefact else set()
         drift = sieve.numbers("drift", missing=0.0, rows=rows)
@@ -195,7 +185,6 @@ class Planes:
 
     def block(self, rows: list[int], at: Postures, session: int, points: Any) -> PlaneRows:
         """Those at `rows`, on the planes of numbers `points`, for the estimator."""
-
         return PlaneRows(at, points, self.reach[rows], self.sigma[rows], session)
 
 

@@ -38,7 +38,6 @@ def sessions_of(names: Sequence[str], own: frozenset[str], *, instrument: bool) 
     A base is a session's own only where an instrument measured: fixed points do not determine it. Sessions without
     their own groups are merged.
     """
-
     mine = own if instrument else own - OWN_BASE
     distinct = list(dict.fromkeys(names))
     if not mine or len(distinct) < 2:
@@ -119,7 +118,6 @@ def spacing_rows(
 
     Raises InputError where a `said` distance is between points that no row names.
     """
-
     known = known_spacings(artefact if use_artefact else None, _named(points, said))
     rows = [(pair, each) for each in known for pair in points.pairs(*each.between)]
     if not rows:
@@ -138,7 +136,6 @@ def rough_places(points: Points, artefact: Artefact | None) -> Floats | None:
     """Rough places of the points (S, 3), mm, from the artefact; NaN where it has none, or where the robot was set up
     anew between sessions.
     """
-
     if artefact is None or not points.keys:
         return None
     once = [point == name for point, (name, _) in zip(points.names, points.keys, strict=True)]

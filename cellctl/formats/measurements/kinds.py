@@ -131,14 +131,12 @@ def has_own_sigma(data: DataSet) -> bool:
 
 def place_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
     """σ of each coordinate (N, 3), mm: sX, sY, sZ, or the robot's repeatability on one axis."""
-
     default = robot.repeatability / math.sqrt(3.0)
     return np.array([_positive(sieve, name, rows, default) for name in SIGMAS]).T
 
 
 def distance_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
     """σ along the line measured (N, 1), mm: sD, or that of the place on one axis."""
-
     of_place = np.sqrt(np.mean(place_sigma(sieve, robot, rows) ** 2, axis=1))
     own = np.array(_positive(sieve, OF_DISTANCE, rows, math.inf))
     return np.where(np.isfinite(own), own, of_place)[:, None]
@@ -146,7 +144,6 @@ def distance_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Flo
 
 def rotation_sigma(sieve: Sieve, rows: Collection[int]) -> Floats:
     """σ about each axis (N, 3), rad: sRX, sRY, sRZ, or sR (deg)."""
-
     common = np.array(_positive(sieve, OF_ROTATION, rows, ROTATION_SIGMA_DEG))
     own = np.array([_positive(sieve, name, rows, math.inf) for name in ROTATION_SIGMAS]).T
     return np.deg2rad(np.where(np.isfinite(own), own, common[:, None]))
@@ -171,7 +168,6 @@ def covariances(sieve: Sieve, sigma: Floats, rows: Collection[int]) -> Floats | 
     k = 3: cXY, cXZ, cYZ; k = 6: also those of turns about X, Y, Z. Missing: 0. A row whose covariance is not positive
     definite is rejected.
     """
-
     size = sigma.shape[1]
     stated = [name for name in COVARIANCES if any(sieve.data.texts(name))]
     unit = np.append(np.ones(3), np.full(3, np.deg2rad(1.0)))

@@ -88,7 +88,6 @@ def _numbers(kind: Kind) -> int:
 
 def _cells(sieve: Sieve, readings: Floats) -> Floats:
     """The rows' readings and all other cells in use (N, K) as numbers: 2.50 is 2.5, a name is a number for each."""
-
     data = sieve.data
     numbers = [*_NUMBERS, *(f"D{number + 1}" for number in range(readings.shape[1]))]
     columns = [list(map(_number, data.texts(name))) for name in numbers if data.has(name)]
@@ -129,7 +128,6 @@ def refuse_alike(measured: Measurements) -> None:
 
 def _refuse_one_place(measured: Measurements) -> None:
     """Refuse an instrument's rows with one TCP place at all joints: they cannot register the robot."""
-
     task = measured.task
     if "base" not in task.registered:
         return

@@ -121,7 +121,6 @@ def _pattern(readings: Floats, values: Floats) -> tuple[float, float, float]:
 
     Analysis of variance; random scatter adds (B − 1) times the variance within the B bins.
     """
-
     _, own = np.unique(bins_of(readings), return_inverse=True)
     count, whole = np.bincount(own), float(np.sum((values - values.mean()) ** 2))
     within = float(np.sum((values - (np.bincount(own, values) / count)[own]) ** 2))

@@ -21,7 +21,6 @@ class CollectInputs(StepInputs):
 @step("daily.collect", title="collecting the points")
 async def collect(context: StepContext, inputs: CollectInputs) -> None:
     """Collect the measured points and nests; refuse a run in which the station moved."""
-
     await context.record(DailyPointsRow(day=await context.clock.compute(day_points, context, inputs.baseline)))
 
 
@@ -34,7 +33,6 @@ class Earlier(StepResult):
 @step("daily.earlier_runs", reads_files=True, title="reading earlier runs")
 async def earlier_runs(context: StepContext, inputs: NoInputs) -> Earlier:
     """Read the earlier runs of this check from the folder of runs, and record what they measured."""
-
     row = await context.clock.compute(read_earlier_runs, context)
     await context.record(row)
     for why in sorted({reason for _, reason in row.left_out}):
@@ -56,7 +54,6 @@ class JudgeInputs(StepInputs):
 @step("daily.judge", verdict=DailyVerdict, title="judging the robot")
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """Compare the points with the baseline by T² and EWMA; before the baseline is complete, only count it."""
-
     verdict, chart = await context.clock.compute(judged, context, inputs)
     if chart:
         await context.record(chart)

@@ -64,7 +64,6 @@ def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("iso9283.read_model", check=_check_model, reads_files=True, title="reading the model")
 async def read_model(context: StepContext, inputs: ReadInputs) -> ReadModel:
     """Read the model that an earlier run identified, and record it; refuse that of another controller."""
-
     if inputs.run:
         await context.record(await context.clock.compute(read_model_of, context, inputs.run))
     else:
@@ -155,7 +154,6 @@ async def register(context: StepContext, inputs: NoInputs) -> None:
 @step("iso9283.push", needs={"robot": TableStore}, title="pushing the table")
 async def push(context: StepContext, inputs: PushInputs) -> None:
     """Push the table of the five points; to be done again on resume (`on_resume: always`)."""
-
     if inputs.table is not None and not context.recorded(IsoVerdict):
         await push_of_run(context, inputs.table)
 
@@ -181,7 +179,6 @@ class VisitInputs(PointInputs):
 )
 async def measure(context: StepContext, inputs: VisitInputs) -> Measured:
     """Go to a point by its approach, by nominal joints or by its row of the table; measure the reflectors."""
-
     pose, near = inputs.pose, inputs.transfer_percent * NEAR_SHARE
     robot: TableRobot = context.device("robot")
     await approach(robot, pose, inputs.transfer_percent)

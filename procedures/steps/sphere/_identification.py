@@ -152,7 +152,6 @@ def verdict_of(context: StepContext) -> SphereVerdict:
     before, after: of the stand-offs. They decide the campaign's verdict: only a model that was better on held-out
     touches gets this far.
     """
-
     held_out = context.recorded(SphereVerdict)[-1]
     rows = context.recorded(StandOffRow)
     if not rows:
@@ -192,7 +191,6 @@ def _rms(values: Sequence[float]) -> float:
 
 def _sentence(verdict: str, standoff: StandOffFigures, enough: int | None) -> str:
     """enough: number of targets that would prove such a gain, if any."""
-
     errors = [ErrorFigures(**asdict(each)) for each in (standoff.before, standoff.after)]
     figures = compared_errors(("before", "after"), errors, standoff.n)
     proof = f" A gain of this size and scatter needs at least {enough} targets: measure more." if enough else ""

@@ -54,7 +54,6 @@ def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
 )
 async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan:
     """Plan the touches that locate the proof sphere, where the model has earned it."""
-
     if not worth_proving(context):
         context.say("the model is no better than nominal on held-out touches: nothing is compensated or pushed")
         return ProofPlan(touches=[])
@@ -97,7 +96,6 @@ def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("sphere.compensate", check=_check_standoffs, title="compensating targets", expects=_standoffs)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
-
     if not worth_proving(context):
         return Compensation(rounds=[], table=None)
     found = await context.clock.compute(standoffs_and_table, context, inputs)
@@ -113,7 +111,6 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 
     In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
     """
-
     judged = [verdict for verdict in context.recorded(SphereVerdict) if verdict.standoff]
     return Pushed(active=await push_unless_judged(context, inputs.table, judged))
 
@@ -139,7 +136,6 @@ class StoodOff(StepResult):
 )
 async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     """Go to a target off the sphere, search along its normal until contact, note the travel, retreat."""
-
     robot: CompensatedRobot = context.device("robot")
     target, speeds = inputs.target, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
 
@@ -161,7 +157,6 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
 @step("sphere.judge", needs={"robot": TableStore}, verdict=SphereVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
-
     found = await context.clock.compute(verdict_of, context)
     found = await withdrawn_unless_better(context, found)
     await context.record(found)
@@ -171,5 +166,4 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
 @step("sphere.withdraw", needs={"robot": TableStore})
 async def withdraw(context: StepContext, inputs: NoInputs) -> None:
     """For the clean-up: take the run's table out of force where the run ended before it was proved."""
-
     await take_back_unproved(context, context.device("robot"))

@@ -269,7 +269,6 @@ def _sentence(name: str, sphere: _Sphere, table: TableFile) -> str:
 
 def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact) -> StandOffRow:
     """The row that a stand-off records."""
-
     joints, models = _models(context.artefact("model.json"))
     tips = models[target.run].tcp(joints.model([found.start, found.joints]))
     travel = float((tips[0] - tips[1]) @ np.array(target.normal))
@@ -295,6 +294,5 @@ def standoff_row(context: StepContext, target: StandOffPlan, found: FoundContact
 @lru_cache(maxsize=1)
 def _models(file: Path) -> tuple[JointMap, dict[str, RobotModel]]:
     """Joint map, nominal and identified robot of a run's model, which is constant once written."""
-
     model = ModelFile.load(file)
     return model.robot.joint_map(), {"before": RobotModel(nominal_chain(model)), "after": model.robot_model()}

@@ -24,7 +24,6 @@ def touch_sigma_mm(robot: RobotFile) -> float:
 
 def reference_row(context: StepContext, row: TouchRow, repeats: int) -> ReferenceRow:
     """The record of a return to touch number `repeats`, from the row of that touch."""
-
     robot = RobotFile.load(context.robot_file)
     first = next(touch for touch in context.recorded(TouchRow) if touch.number == repeats)
     sphere = artefact_of(context.cell, ("artefact",)).sphere(first.sphere)
@@ -67,7 +66,6 @@ def jump(visits: Sequence[ReferenceRow]) -> DeviceFault | None:
 
 def drift_of(context: StepContext) -> Drift:
     """The drift through all visits to the reference touch so far, the first among them."""
-
     visits = context.recorded(ReferenceRow)
     if not visits:
         return linear_drift([], [], 0.0)

@@ -239,6 +239,5 @@ class IdentifyInputs(StepInputs):
 @step("sphere.identify", verdict=SphereVerdict, title="identifying the robot")
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
-
     found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
     return await write_and_record(context, found)

@@ -67,7 +67,6 @@ async def prepare(context: StepContext, inputs: NoInputs) -> Prepared:
 
     To be done again on resume (`on_resume: always`): the instrument may have been off.
     """
-
     tracker: PointSource = context.device("tracker")
     given, load = reflectors_of(context.cell), recorded_load(context.cell)
     await tracker.initialise(Reflector(given.constant_mm, given.centring_mm, given.acceptance_deg))
@@ -119,7 +118,6 @@ class TwoFaces(StepResult):
 @step("tracker.two_face", needs={"tracker": PointSource}, title="two-face check")
 async def two_face(context: StepContext, inputs: TwoFaceInputs) -> TwoFaces:
     """Measure the first two nests in both faces; refuse an instrument that is out of adjustment, or that changed."""
-
     tracker: PointSource = context.device("tracker")
     station = station_of(context.cell)
     before = {row.nest: (row.error.hz_mm, row.error.v_mm) for row in context.recorded(TwoFaceRow)}
@@ -179,7 +177,6 @@ _LEAST_NESTS = 3
 )
 async def monuments(context: StepContext, inputs: MonumentsInputs) -> Visited:
     """Measure every nest; a station that moved since the last visit begins a new session, a moving one ends the run."""
-
     await update_weather(context)
     visit = recorded_visits(context)
     await _visit(context, inputs, visit)
@@ -202,7 +199,6 @@ async def monuments(context: StepContext, inputs: MonumentsInputs) -> Visited:
 @step("tracker.check_reflector", title="checking the reflector constant")
 async def check_reflector(context: StepContext, inputs: NoInputs) -> Constant:
     """Compare certified distances between nests with the measured ones; refuse a wrong reflector constant."""
-
     row = await context.clock.compute(constant_row, context)
     if row is None:
         context.say("the cell file certifies no distance between nests: the reflector constant is not checked")
@@ -248,6 +244,5 @@ def _refuse_twice(context: StepContext, search_mm: float) -> None:
 
 def nest_place(context: StepContext, nest: Nest) -> Vector3:
     """Where to aim, instrument's frame, mm: where it was measured last, else the cell file's place."""
-
     seen = [row.point.xyz for row in context.recorded(NestRow) if row.nest == nest.id]
     return seen[-1] if seen else seen_from_instrument(context, np.array(nest.xyz))

@@ -73,7 +73,6 @@ def _check_turns(context: CellContext, known: Mapping[str, Any]) -> None:
 )
 async def plan_turns(context: StepContext, inputs: TurnInputs) -> Turns:
     """Plan the circles of A1, A2, A5 and A6 about one posture, the reflector visible on each point."""
-
     poses = await context.clock.compute(planned_turns, context, inputs.points)
     return Turns(poses=poses, back=return_pose(context, poses[-1].joints, len(poses)))
 
@@ -87,7 +86,6 @@ class Registered(StepResult):
 @step("tracker.frames", title="finding the frames")
 async def frames(context: StepContext, inputs: NoInputs) -> Registered:
     """Fit the circles, find the frames {B} and {T} with their σ, and where the instrument is."""
-
     row, station = await context.clock.compute(found_frames, context)
     for each in (row, station):
         await context.record(each)

@@ -47,7 +47,6 @@ class IdentifyInputs(StepInputs):
 @step("tracker.identify", verdict=TrackerVerdict, title="identifying the robot")
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the poses, state how good it was and is on the held-out ones, write data and model."""
-
     return await write_and_record(context, await context.clock.compute(identify_poses, context, inputs.model))
 
 
@@ -74,7 +73,6 @@ def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("tracker.read_model", check=_check_model, reads_files=True, title="reading the model")
 async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel:
     """Read the model of an earlier run, if one is named; refuse that of another controller, robot or tool."""
-
     named = bool(inputs.run or inputs.file)
     if named:
         row = await context.clock.compute(read_model_of, context, inputs.run, inputs.file, True)
@@ -88,7 +86,6 @@ async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel
 @step("tracker.register", verdict=TrackerVerdict, title="registering the model")
 async def register(context: StepContext, inputs: NoInputs) -> Judged:
     """Find the instrument in the frame of the model that was read, and judge that model on the held-out poses."""
-
     await context.write_artefact(MODEL_FILE, context.recorded(ReadModelRow)[-1].text)
     return await write_and_record(context, await context.clock.compute(registered_model, context))
 
@@ -116,7 +113,6 @@ class Compensation(StepResult):
 @step("tracker.compensate", check=check_method, title="compensating targets")
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Compensate the held-out poses and write their table into the run folder, if the model is better than nominal."""
-
     if not context.recorded(TrackerVerdict)[-1].better:
         context.say("the model is no better than nominal on held-out poses: nothing is compensated or pushed")
         return Compensation(rounds=[], table=None)
@@ -133,7 +129,6 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 
     In a procedure whose clean-up withdraws it this step is to be done again on resume (`on_resume: always`).
     """
-
     judged = [verdict for verdict in context.recorded(TrackerVerdict) if verdict.targets]
     return Pushed(active=await push_unless_judged(context, inputs.table, judged))
 
@@ -141,7 +136,6 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
 @step("tracker.judge", needs={"robot": TableStore}, verdict=TrackerVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the robot was and is on the held-out targets; withdraw a table that is not better."""
-
     found, errors = await context.clock.compute(verdict_of, context)
     if errors:
         await context.record(errors)
@@ -153,7 +147,6 @@ async def judge(context: StepContext, inputs: NoInputs) -> Judged:
 @step("tracker.withdraw", needs={"robot": TableStore})
 async def withdraw(context: StepContext, inputs: NoInputs) -> None:
     """For the clean-up: take the run's table out of force where the run ended before it was proved."""
-
     await take_back_unproved(context, context.device("robot"))
 
 
@@ -177,7 +170,6 @@ class Correction(StepResult):
 )
 async def correction_on(context: StepContext, inputs: CorrectInputs) -> Correction:
     """Write the correction model of the run's model, and correct the controller's motions by it from now on."""
-
     if inputs.table is None:
         return Correction(id=None)
     plc: CellReadings | None = context.optional_device("plc")
@@ -235,7 +227,6 @@ async def correction_off(context: StepContext, inputs: NoInputs) -> None:
 @step("tracker.judge_correction", verdict=TrackerVerdict, title="judging the on-line correction")
 async def judge_correction(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the robot was and is on the held-out targets."""
-
     found, errors = await context.clock.compute(verdict_of, context, "Corrected on-line")
     if errors:
         await context.record(errors)

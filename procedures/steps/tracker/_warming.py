@@ -93,7 +93,6 @@ async def _exercise(context: StepContext, inputs: WarmUpInputs) -> None:
 
 async def _return(context: StepContext, inputs: WarmUpInputs, number: int) -> ReturnRow:
     """Measure the return pose; ends there."""
-
     robot: MovingRobot = context.device("robot")
     home, before, turn = _way(context)
     pose = return_pose(context, home, number)
@@ -107,7 +106,6 @@ async def _return(context: StepContext, inputs: WarmUpInputs, number: int) -> Re
 
 def _way(context: StepContext) -> tuple[JointReadings, JointReadings, JointReadings]:
     """Home, the approach to the return pose, the return pose."""
-
     home = postures_of(context.cell, RobotFile.load(context.robot_file), "turn").home
     pose = return_pose(context, home, 0)
     return tuple(home), tuple(pose.way[-1]), tuple(pose.joints)

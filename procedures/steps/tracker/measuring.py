@@ -182,7 +182,6 @@ async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
 )
 async def measure_compensated(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a row of the run's table by its approach, take the motor currents, measure the reflector."""
-
     robot: TableRobot = context.device("robot")
 
     async def to_row() -> JointReadings:

@@ -18,7 +18,6 @@ DEFAULT_METHOD = "pseudo-target"
 
 def check_method(context: CellContext, known: Mapping[str, Any]) -> None:
     """Raise InputError if `method` of the known inputs is none of `cellctl.compensation`."""
-
     method = known.get("method", DEFAULT_METHOD)
     if method not in METHODS:
         what = f"there is no compensation method '{method}'"
