@@ -95,7 +95,6 @@ def inline_form(title: str) -> InlineForm | None:
         kind=found["kind"].upper(),
         points=(found["point"], *([found["end"]] if found["end"] else [])),
         approximated=found["cont"] is not None,
-        velocity=found["velocity"] or "",
         data=found["data"] or "",
         tool=int(tool["number"]) if tool else None,
         tool_name=(tool["name"] or "").strip() if tool else "",

@@ -46,7 +46,6 @@ class InlineForm:
     kind: str
     points: tuple[str, ...]
     approximated: bool
-    velocity: str
     data: str
     tool: int | None
     tool_name: str

@@ -15,6 +15,7 @@ from cellctl.calibration import PositionRows, Split, State, Task, Tolerances, Un
 from cellctl.calibration.estimation.evidence import LARGEST
 from cellctl.calibration.estimation.identify import registered
 from cellctl.calibration.estimation.registration import rigid_fit
+from cellctl.calibration.observability import reasons
 from cellctl.formats import RobotFile, nominal_model
 
 ROBOT = RobotFile.load(Path(__file__).parents[2] / "procedures" / "papers" / "robots" / "flexible_arm.yaml")
@@ -91,3 +92,12 @@ def test_a_prior_scale_stays_within_what_a_robot_can_be():
     tight = Tolerances(link_mm=0.005, angle_deg=5e-4)
     scales = identify(task(0, spread_deg=5.0, joints_rad=0.0, tolerances=tight)).prior_scale
     assert scales["links"] == pytest.approx(LARGEST["links"], rel=0.01)
+
+
+def test_of_very_many_rows_a_sample_shows_how_the_orientation_changes(monkeypatch):
+    rows = task(1, spread_deg=5.0).rows.blocks[0]
+    unknowns = Unknowns.of(State.alone(NOMINAL), (), PRIOR)
+    every = reasons.Rowed(unknowns, (rows,)).turns
+    assert every.shape == (ROWS, 3)
+    monkeypatch.setattr(reasons, "TURNS", 30)
+    np.testing.assert_allclose(reasons.Rowed(unknowns, (rows,)).turns, every[::3], atol=1e-12)

@@ -139,3 +139,13 @@ def test_another_robot_in_the_unseen_session_is_not_settled_away():
     assert other.test.mean > 5.0 * sound.test.mean
     assert other.coverage_95 < 0.5
     assert other.sigma_ok is False
+
+
+@pytest.mark.parametrize(("own", "rows"), [("base", 4), ("base,tool", 6)])
+def test_an_unseen_session_needs_twice_the_numbers_that_tie_it_to_the_robot(own, rows):
+    days, fitted = Days(2), np.arange(ROWS * 2)
+    for held_out, doubt in ((rows, False), (rows - 1, True)):
+        result = fit(days.task(OWN[own]), Split(fitted, ((fitted, np.arange(ROWS * 2, ROWS * 2 + held_out)),)))
+        words = f"session Wednesday has {3 * held_out} numbers to judge by, {3 * rows} at least"
+        assert ("numbers to judge by" in result.verdict_reason) is doubt
+        assert (words in result.verdict_reason) is doubt

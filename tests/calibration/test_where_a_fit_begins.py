@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from own_campaigns import Campaign, nominal_of
 
-from cellctl.calibration import Task, identify
+from cellctl.calibration import Task, TouchRows, identify
+from cellctl.calibration.estimation.registration import fixed_points
 from cellctl.calibration.rows.fixed_points import sphere_centre
 
 
@@ -34,3 +35,13 @@ def test_touches_on_a_small_cap_find_the_sphere_on_the_side_where_it_is(half_ang
         away = np.stack([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)], axis=1)
         tips = centre + (reach + rng.normal(0.0, 0.05, (8, 1))) * away
         assert np.linalg.norm(sphere_centre(tips, np.full(8, reach)) - centre) < 5.0
+
+
+def test_a_point_without_a_known_place_and_without_a_row_begins_in_the_middle_of_the_tcps():
+    campaign = Campaign.of(1)
+    model = nominal_of(campaign.nominal)
+    q = campaign.asked(8)
+    rows = TouchRows(q, np.zeros(8, int), np.full(8, 500.0), np.full((8, 1), 0.05))
+    known = np.array([900.0, 0.0, 300.0])
+    begun = fixed_points([model], [rows], np.stack([known, np.full(3, np.nan)]))
+    np.testing.assert_allclose(begun, np.stack([known, model.tcp(q).mean(axis=0)]))

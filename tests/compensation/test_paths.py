@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Harmonics, RobotModel
 from cellctl.compensation import compensate
-from cellctl.compensation.paths import SINGULAR, Arc, Line, deviations, divided
+from cellctl.compensation.paths import SINGULAR, Arc, Line, deviations, divided, posture_at
 from cellctl.kinematics import SerialChain, inverse, pose, pose_from_xyz_abc
 
 TOOL = ([59.9, 50.5, 410.3], [38.8, 3.6, 0.0])
@@ -157,6 +157,17 @@ def test_a_way_out_of_reach_is_not_followed_and_not_divided(nominal, identified)
     far = Line(start, moved(start, (2000, 0, 0)))
     assert not deviations(nominal, identified, [far], [far], HOME[None]).followed[0]
     assert "cannot be followed" in divided(nominal, identified, far, HOME, tolerance_mm=0.05).reason
+
+
+def test_the_posture_along_a_way_is_at_its_share_and_there_is_none_where_the_way_is_out_of_reach(nominal):
+    start = nominal.forward(HOME)
+    way = Line(start, moved(start, (-60, 300, -120), (0.2, -0.1, 0.3)))
+    for share in (0.5, 1.0):
+        q = posture_at(nominal, way, HOME, share)
+        assert q is not None
+        assert np.allclose(nominal.forward(q), way.poses([share])[0], atol=1e-5)
+        assert np.abs(q - HOME).max() < 0.6
+    assert posture_at(nominal, Line(start, moved(start, (2000, 0, 0))), HOME, 1.0) is None
 
 
 def test_a_wrist_singularity_on_the_way_shows(nominal, identified):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from engine_runs import CALLS, LOOP, FakeDevice, FakeGate, FakeRobot, engine_for, events_of
 
+from cellctl.clock import WallClock
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused
 from cellctl.engine import AbortedByInterlock, Action, Engine, Mailbox, MailboxFolder, Operator, State
 from cellctl.files import InputError
@@ -123,6 +125,35 @@ def test_a_break_that_pauses_lets_the_step_end_and_holds_the_next(tmp_path: Path
 
     assert ran(engine, meanwhile).state is State.FINISHED
     assert len(paused_reasons(journal)) == 1
+
+
+class MovesUntilTold(FakeRobot):
+    """A robot whose motion ends when the test says so."""
+
+    def __init__(self) -> None:
+        super().__init__("robot")
+        self.arrived = asyncio.Event()
+
+    async def move(self) -> None:
+        await self.arrived.wait()
+
+
+def test_a_break_that_pauses_does_not_stop_the_step_during_which_it_comes(tmp_path: Path) -> None:
+    gate, robot = FakeGate("gate"), MovesUntilTold()
+    more = interlock(", on_break: pause, resume: auto")
+    engine, _, journal = engine_for(MOVE, tmp_path, [gate, robot], interlocks=more)
+
+    async def meanwhile() -> None:
+        await until(lambda: "move" in CALLS)
+        gate.closed = False
+        await until(lambda: len(events_of(journal, InterlockChanged)) == 1)
+        robot.arrived.set()
+        await until(lambda: len(events_of(journal, StepEnded)) == 1)
+        gate.closed = True
+
+    assert ran(engine, meanwhile).state is State.FINISHED
+    assert [event.outcome for event in events_of(journal, StepEnded)] == ["done"]
+    assert CALLS == ["move"]
 
 
 def test_a_break_that_aborts_ends_the_run_with_its_clean_up(tmp_path: Path) -> None:
@@ -316,6 +347,35 @@ def test_a_robot_that_the_gate_stopped_beside_a_step_without_it_is_awaited_befor
     assert ran(engine, meanwhile).state is State.FINISHED
     told = [(event.interlock, event.holds) for event in events_of(journal, InterlockChanged)]
     assert told == [("door", False), ("robot ready", False), ("door", True), ("robot ready", True)]
+
+
+def test_the_cells_time_stops_only_while_nothing_but_a_robots_message_is_awaited(tmp_path: Path) -> None:
+    gate, robot = FakeGate("gate"), ShowsMessages("robot")
+    stopped: list[tuple[bool, bool]] = []
+
+    class NotesWhenItStops(WallClock):
+        @contextmanager
+        def standing(self) -> Iterator[None]:
+            stopped.append((gate.closed, robot.message))
+            yield
+
+    steps = f"{FLAKY}\n{MOVE}"
+    devices: list[FakeDevice] = [gate, robot]
+    more = interlock(", resume: auto")
+    engine, _, journal = engine_for(steps, tmp_path, devices, interlocks=more, clock=NotesWhenItStops())
+    engine._recorder.watcher = OpensWithTheFailure(gate)
+
+    async def meanwhile() -> None:
+        await until(lambda: engine.state is State.PAUSED)
+        robot.message = True
+        await until(lambda: len(events_of(journal, InterlockChanged)) == 2)
+        assert stopped == [], "a gate that is open closes in the cell's time"
+        gate.closed = True
+        await until(lambda: bool(stopped))
+        robot.message = False
+
+    assert ran(engine, meanwhile).state is State.FINISHED
+    assert set(stopped) == {(True, True)}
 
 
 def test_a_run_that_was_killed_between_a_failure_and_the_stop_is_uncertain(tmp_path: Path) -> None:

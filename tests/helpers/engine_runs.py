@@ -166,7 +166,12 @@ class FakeGate(FakeDevice):
 
 
 def engine_for(
-    steps: str, folder: Path, devices: list[FakeDevice] | None = None, cleanup: str = "", interlocks: str = ""
+    steps: str,
+    folder: Path,
+    devices: list[FakeDevice] | None = None,
+    cleanup: str = "",
+    interlocks: str = "",
+    clock: WallClock | None = None,
 ) -> Any:
     CALLS.clear()
     text = f"procedure: test\ntitle: a test\ncell: cell.yaml\n{interlocks}\nsteps:\n{steps}"
@@ -174,7 +179,7 @@ def engine_for(
         text += f"\ncleanup:\n{cleanup}"
     procedure = read_procedure(parse_yaml(text, "test.yaml"))
     assert procedure.problems == ()
-    clock = WallClock()
+    clock = clock or WallClock()
     named = {device.name: device for device in devices or [FakeDevice("robot")]}
     surround = Surround(clock, 1, folder, parse_yaml("name: x", "cell.yaml"), folder / "robot.yaml", named)
     journal = Journal.create(folder / "run", clock.now_ns)

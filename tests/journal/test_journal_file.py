@@ -305,6 +305,11 @@ def test_kinds_of_a_newer_version_are_kept_raw_and_new_fields_are_passed_over(jo
     assert events(journal.path) == [RawEvent("temperature_seen", {"celsius": 21.5}), Said("warm")]
 
 
+def test_a_row_of_no_step_has_attempt_0_in_the_file(journal):
+    by_hand(journal, INSERT, "recorded", '{"row_kind": "touch", "data": {"x": 1}}')
+    assert events(journal.path) == [Recorded("touch", {"x": 1})]
+
+
 def test_an_event_without_what_its_kind_has_is_damaged(journal):
     by_hand(journal, INSERT, "said", "{}")
     with pytest.raises(JournalError, match="event 1 is damaged"):

@@ -10,7 +10,18 @@ from hypothesis import strategies as st
 from sphere_rows import reference, sphere_verdict, standoff, touch
 
 from cellctl.files import InputError
-from cellctl.journal import Entry, Journal, PushedTable, Recorded, RunResult, RunStarted, SourceFile, fold, read_journal
+from cellctl.journal import (
+    Entry,
+    Journal,
+    PushedTable,
+    Recorded,
+    RunEnded,
+    RunResult,
+    RunStarted,
+    SourceFile,
+    fold,
+    read_journal,
+)
 from cellctl.records import ArtefactRow, BadRow, Row, TablePushRow, TableStateRow, VerdictRow
 from procedures.steps.sphere.rows import LocateRow, SphereVerdict, TouchRow
 
@@ -119,6 +130,17 @@ def test_a_result_without_a_verdict_shows_the_section_empty() -> None:
     for began in (started(section=SphereVerdict.SECTION), started()):  # the second one: a journal from before
         content = RunResult.of("run", journal_of(began)).to_json()
         assert [content[name] for name in ("held_out", "standoff", "drift", "stops", "verdict")] == [None] * 5
+
+
+def test_a_result_states_the_cells_time_from_the_first_event_to_the_last() -> None:
+    began_ns, ended_ns = 2_000_000_000, 5_500_000_000
+    state = fold([Entry(1, began_ns, started()), Entry(2, ended_ns, RunEnded("finished"))])
+    assert RunResult.of("run", state).simulated_s == pytest.approx(3.5)
+
+
+def test_a_row_that_the_engine_records_belongs_to_no_step_and_no_attempt() -> None:
+    recorded = Recorded.of(PointRow((0.0, 0.0, 0.0)))
+    assert (recorded.step, recorded.attempt) == ("", 0)
 
 
 def test_the_table_of_a_run_is_proved_by_a_verdict_on_this_table_alone() -> None:

@@ -172,8 +172,9 @@ class PoseRow(VisitedRow):
 @final
 @dataclass(frozen=True, kw_only=True)
 class CompensatedRow(VisitedRow):
-    """A held-out target, reached by row `row` of the active table; target: its place, instrument's frame, first
-    session, mm. predicted_mm: 1 σ (3-D) of its error by the model.
+    """A held-out target, reached by row `row` of the active table.
+
+    target: its place in the instrument's frame of the first session, mm.
     """
 
     KIND: ClassVar[str] = "compensated"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import socket
@@ -11,6 +12,7 @@ from typing import final
 import pytest
 
 from cellctl.devices import SearchEnd
+from drivers.kuka_rsi.cyclic import process
 from drivers.kuka_rsi.cyclic.limits import Correction, SearchLimits
 from drivers.kuka_rsi.cyclic.responder import ControllerLine, Responder
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
@@ -335,3 +337,50 @@ def test_another_task_than_a_search_answers_by_its_own_rule_with_no_line_changed
     assert (bench.block.status().number, bench.block.status().cause) == (5, Cause.STOPPED)
     bench.block.release()
     assert bench.unanswered()
+
+
+class Holding:
+    """A responder that holds a search for some more answers."""
+
+    waits_for_announcement = False
+
+    def __init__(self, more: float) -> None:
+        self.more = more
+        self.left: list[bool] = []
+
+    @property
+    def busy(self) -> bool:
+        return len(self.left) < self.more
+
+    def answer(self, *, leave: bool) -> None:
+        self.left.append(leave)
+
+
+@pytest.fixture
+def telegram_waits():
+    """A line at which a telegram always waits."""
+    line, controller = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    controller.send(b"<Rob/>")
+    yield line
+    line.close()
+    controller.close()
+
+
+def test_a_process_that_is_to_exit_answers_until_its_search_is_released(telegram_waits):
+    responder = Holding(more=5)
+    process._serve(telegram_waits, responder, True)
+    assert responder.left == [True] * 5
+
+
+def test_a_process_that_is_to_exit_does_not_wait_for_a_silent_controller(telegram_waits):
+    telegram_waits.recv(100)
+    responder = Holding(more=math.inf)
+    process._serve(telegram_waits, responder, True)
+    assert responder.left == [True]
+
+
+def test_a_search_that_is_never_released_delays_the_exit_for_a_limited_time(telegram_waits, monkeypatch):
+    monkeypatch.setattr(process, "_LEAVE_S", 0.02)
+    responder = Holding(more=math.inf)
+    process._serve(telegram_waits, responder, True)
+    assert len(responder.left) > 1

@@ -111,10 +111,23 @@ def test_several_clients_are_served_and_only_the_first_is_counted(bench):
 
 def test_an_answer_takes_five_to_twenty_milliseconds_of_the_cells_time(bench):
     plc = bench()
-    delays = [plc.server.delay_ns() / MS for _ in range(200)]
+    delays = []
+    for _ in range(100):
+        asked_ns = plc.kernel.now
+        plc.ask(b"\x03\x00\x01\x00\x01")
+        delays.append((plc.kernel.now - asked_ns) / MS)
     assert min(delays) >= 5.0
     assert max(delays) <= 20.0
     assert max(delays) - min(delays) > 10.0
+
+
+def test_requests_that_arrive_together_are_answered_one_after_another_each_after_its_own_delay(bench):
+    plc = bench(delay_least_ms=10, delay_most_ms=10)
+    asked_ns = plc.kernel.now
+    plc.client.sendall(3 * plc.framed(b"\x03\x00\x01\x00\x01"))
+    for _ in range(3):
+        plc.answer()
+    assert plc.kernel.now - asked_ns == 30 * MS
 
 
 class NoTables:
@@ -133,6 +146,28 @@ class NoTables:
 def test_any_request_gets_an_answer_that_fits_it(pdu):
     reply = answer(pdu, NoTables())
     assert reply[0] in (pdu[0], pdu[0] | 0x80)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        pytest.param(b"\x00\x01\x00\x01\x00\x06\x01", id="protocol 1, a possible length"),
+        pytest.param(b"\x00\x01\x00\x00\x00\x01\x01", id="protocol 0, length without a function code"),
+        pytest.param(b"\x00\x01\x00\x00\x00\xff\x01", id="protocol 0, one byte longer than the longest request"),
+    ],
+)
+def test_a_header_with_another_protocol_or_an_impossible_length_breaks_the_stream(header):
+    stream = FrameStream()
+    assert list(stream.feed(header + bytes(260))) == []
+    assert stream.broken
+    assert list(stream.feed(Frame(1, 1, b"\x01").encode())) == []
+
+
+@pytest.mark.parametrize("size", [1, 253])
+def test_the_shortest_and_the_longest_request_are_frames(size):
+    stream = FrameStream()
+    assert list(stream.feed(Frame(7, 1, bytes(size)).encode())) == [Frame(7, 1, bytes(size))]
+    assert not stream.broken
 
 
 @given(st.lists(st.tuples(st.integers(0, 65535), st.integers(0, 255), st.binary(min_size=1, max_size=253))), st.data())
