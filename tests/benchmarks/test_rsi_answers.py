@@ -5,7 +5,8 @@ from __future__ import annotations
 import importlib.util
 
 import pytest
-from studies import load_study
+
+from tests.studies import rsi_answers as study
 
 SECONDS = 20.0
 
@@ -13,7 +14,6 @@ SECONDS = 20.0
 @pytest.mark.long
 @pytest.mark.skipif(importlib.util.find_spec("RSIPI") is None, reason="RSIPI is not installed (group 'peers')")
 def test_no_telegram_is_lost_while_a_large_model_corrects(tell) -> None:
-    study = load_study("rsi_answers")
     ours, peer = study.compare(SECONDS, "ipo_fast", rights=True, ours=study.ONLINE)
     for name, share in study.SHARES.items():
         a, b = ours.within_ms(share), peer.within_ms(share)

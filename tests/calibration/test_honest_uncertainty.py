@@ -1,4 +1,4 @@
-"""The estimator's own σ is the error that is found: 20 seeds of `tests/studies/honest_uncertainty.py`.
+"""The estimator's own σ is the error that is found: 20 seeds of the study `honest_uncertainty`.
 
 Truth, measurements and the optimum to compare with come from an arm, a posterior and derivatives written for tests
 (`own_arm`, `own_posterior`), not from cellctl.

@@ -1,15 +1,10 @@
 """Harmonics, field and discrepancy need two standard errors, and must hold at the ends of the joint ranges."""
 
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "studies"))
-import outside_the_joints as ur10
 
 from cellctl.calibration import (
     EffectInputs,
@@ -26,6 +21,7 @@ from cellctl.calibration.selection.folds import FIFTH, end_folds
 from cellctl.calibration.selection.ladder import climb
 from cellctl.calibration.selection.model_error import WORSE_AT_END, Gain, worst_end
 from cellctl.formats import RobotFile
+from tests.studies import outside_the_joints as ur10
 
 needs_data = pytest.mark.skipif(not ur10.DATA.exists(), reason=f"the UR10 measurements are not at {ur10.DATA}")
 

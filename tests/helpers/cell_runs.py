@@ -8,6 +8,7 @@ import re
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -166,6 +167,21 @@ def cellctl(*arguments: str | Path, timeout: float = PATIENCE_S) -> subprocess.C
     """Run the command line in a process of its own."""
     command = [sys.executable, "-m", "cellctl", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, cwd=ROOT)
+
+
+def finished_run(runs: Path, procedure: str | Path, *arguments: str | Path) -> Path:
+    """The run folder of a procedure in the folder `runs`, which is there after the end only; an earlier run serves.
+
+    Raises RuntimeError where the run does not come to a verdict.
+    """
+    if not runs.exists():
+        runs.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=runs.parent) as place:
+            done = cellctl("run", procedure, "--runs", Path(place) / "runs", *arguments)
+            if done.returncode not in (0, 1):
+                raise RuntimeError(f"{runs.name}: {done.stderr}")
+            (Path(place) / "runs").rename(runs)
+    return next(runs.glob("*/journal.sqlite")).parent
 
 
 def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
-from cell_runs import ROOT, cellctl
+from cell_runs import ROOT, finished_run
 from tracker_truth import Truth
 
 from cellctl.journal import RunState, fold, read_journal
@@ -63,7 +63,7 @@ class Verified:
 
 def calibrated(seed: int, folder: Path) -> Path:
     """The run folder of a calibration of the heavy-robot cell from the paper's 160 poses; an earlier one serves."""
-    return _run(folder / f"calibrated-{seed}", CALIBRATION, "--seed", str(seed), "--set", "poses_test=6")
+    return finished_run(folder / f"calibrated-{seed}", CALIBRATION, "--seed", str(seed), "--set", "poses_test=6")
 
 
 def verified(seed: int, model_run: Path, folder: Path, method: str, passes: int = 0, targets: int = 80) -> Path:
@@ -78,13 +78,4 @@ def verified(seed: int, model_run: Path, folder: Path, method: str, passes: int 
     }
     given = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
     runs = folder / f"{method}-{passes or 'iterated'}-{seed}"
-    return _run(runs, "compensate_and_verify", "--cell", HEAVY_CELL, "--seed", str(seed), *given)
-
-
-def _run(runs: Path, procedure: str | Path, *arguments: str | Path) -> Path:
-    """Raises RuntimeError where the run does not come to a verdict."""
-    if not runs.exists():
-        told = cellctl("run", procedure, "--runs", runs, *arguments)
-        if told.returncode not in (0, 1):
-            raise RuntimeError(f"{runs.name}: {told.stderr}")
-    return next(runs.glob("*/journal.sqlite")).parent
+    return finished_run(runs, "compensate_and_verify", "--cell", HEAVY_CELL, "--seed", str(seed), *given)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from compensation_methods import CELL
-from posing import PoseCell, Poses, comprehensive
-from world import PaperWorld
 
 from cellctl.calibration import Split, fit
+from tests.studies.papers.compensation_methods import CELL
+from tests.studies.papers.posing import PoseCell, Poses, comprehensive
+from tests.studies.papers.world import PaperWorld
 
 
 @pytest.fixture(scope="module")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import kriging_numbers
 import numpy as np
-import point_selection_numbers
 import pytest
-from kriging_numbers import UNLOADED, WORKSPACE, drawn
-from positions import Arm, least_squares
-from world import PaperWorld
+
+from tests.studies.papers import kriging_numbers, point_selection_numbers
+from tests.studies.papers.kriging_numbers import UNLOADED, WORKSPACE, drawn
+from tests.studies.papers.positions import Arm, least_squares
+from tests.studies.papers.world import PaperWorld
 
 ARM = kriging_numbers.ARM
 TRUE = ARM.chain.with_parameters({"theta2": 0.002, "a2": 0.8, "alpha1": 0.001, "beta2": 0.002, "tool_x": 0.4})

@@ -1,8 +1,9 @@
 """What the page of the papers says follows from the numbers of the seeds."""
 
 import pytest
-from page import page_of, write_into
-from statements import Figure, Interval, Ordering, Paper, Results, Section
+
+from tests.studies.papers.page import page_of
+from tests.studies.papers.statements import Figure, Interval, Ordering, Paper, Results, Section
 
 
 def results(**by_key):
@@ -46,23 +47,3 @@ def test_the_page_names_the_switch_that_restores_an_ordering():
 def test_the_page_says_where_no_switch_restores_an_ordering():
     numbers = results(a=[2.0, 2.1, 1.8], b=[1.0, 1.1, 0.9], gear__a=[2.0, 2.1, 1.8], gear__b=[1.0, 1.1, 0.9])
     assert "none of `gear`" in page_of(paper(), numbers)
-
-
-def test_kept_numbers_give_the_same_page(tmp_path):
-    found = results(a=[1.0, 1.1, 0.912345678], b=[2.0, 2.1, 1.8], gear__a=[1.0, 1.1, 0.9], gear__b=[2.0, 2.1, 1.8])
-    found.save(tmp_path / "xyz.json")
-    assert page_of(paper(), Results.load(tmp_path / "xyz.json")) == page_of(paper(), found)
-
-
-def test_only_what_is_between_the_marks_of_the_paper_is_replaced(tmp_path):
-    page = tmp_path / "papers.md"
-    page.write_text("before\n<!-- figures of xyz -->\nold\n<!-- end of figures of xyz -->\nafter\n")
-    write_into(page, paper(), "new")
-    assert page.read_text() == "before\n<!-- figures of xyz -->\nnew\n<!-- end of figures of xyz -->\nafter\n"
-
-
-def test_a_page_without_marks_is_refused(tmp_path):
-    page = tmp_path / "papers.md"
-    page.write_text("nothing\n")
-    with pytest.raises(RuntimeError, match="figures of xyz"):
-        write_into(page, paper(), "new")

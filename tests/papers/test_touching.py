@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from spherical_constraint import CELL, without_beta
-from touching import TouchCell, contacts
-from world import PaperWorld
+
+from tests.studies.papers.spherical_constraint import CELL, without_beta
+from tests.studies.papers.touching import TouchCell, contacts
+from tests.studies.papers.world import PaperWorld
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from world import PaperWorld, plate_of, pose_of_plate, ways_of
+
+from tests.studies.papers.world import PaperWorld, plate_of, pose_of_plate, ways_of
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "tracker_cell.yaml"
 READINGS = np.array([0.0, -80.0, 90.0, 10.0, 60.0, 0.0]) + np.random.default_rng(1).uniform(-20, 20, (40, 6))

@@ -1,13 +1,9 @@
 """Six fixed draws of the study of predictions outside the measured joints; all: docs/results/outside-the-joints.md."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "studies"))
-import outside_the_joints as study
+from tests.studies import outside_the_joints as study
 
 pytestmark = pytest.mark.skipif(not study.DATA.exists(), reason=f"the UR10 measurements are not at {study.DATA}")
 

@@ -1,32 +1,25 @@
 """Compensation methods on the heavy-robot cell: 80 held-out targets, measured before and after each method.
 
-    uv run python tests/studies/compensation_methods.py [--seeds 3] [--methods NAME …] [--processes 2] [--keep FOLDER]
-
 For each seed one calibration from the 160 poses of the paper on kriging in configuration space; then
 `compensate_and_verify` on the same simulated robot with each method, iterated and, where it iterates, by one pass as
 published. The simulated world tells the floor: the errors of a predictor that knows the true robot and the constant
 errors of the instrument, on the same noisy points. Prints a Markdown table. A study and no test: it judges nothing, but
-marks what misses the demands. Runs that are in FOLDER are not done again.
+marks what misses the demands. Run folders stay in `runs/studies/compensation_methods`.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-import tempfile
+import fcntl
+from argparse import Namespace
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
-
 from verified_targets import HEAVY_CELL, MOST_MM, OVER_FLOOR, Verified, calibrated, verified
 
 from cellctl.compensation import METHODS
 from cellctl.kinematics import Floats
+from tests.studies._runner import ROWS, Row, Study, Table
 
 HEAD = (
     "| seed | method | passes | targets | mean / RMS / max before → after, mm | floor, RMS | ratio to the floor (95 %) "
@@ -67,11 +60,22 @@ def figures(errors: Floats) -> str:
     return f"{errors.mean():.3f} / {np.sqrt(np.mean(errors**2)):.3f} / {errors.max():.3f}"
 
 
-def cases(seeds: int, methods: list[str]) -> Iterator[Case]:
-    """Every method of every seed, iterated, then by one pass."""
-    for seed in range(1, seeds + 1):
-        yield from (Case(seed, method, 0) for method in methods)
-        yield from (Case(seed, method, 1) for method in methods if not METHODS[method].write_back)
+def units(asked: Namespace) -> Iterator[Row]:
+    """Every method of every seed, iterated, then by one pass; seeds side by side, as each begins with a calibration."""
+    for passes in (0, 1):
+        for method in asked.methods:
+            if not (passes and METHODS[method].write_back):
+                yield from ({"seed": seed, "method": method, "passes": passes} for seed in asked.seeds)
+
+
+def measure(seed: int, method: str, passes: int) -> Mapping[str, object]:
+    """The errors of the targets; the calibration of a seed is done once."""
+    folder = ROWS.resolve() / "compensation_methods"
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / f"calibrated-{seed}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        model = calibrated(seed, folder)
+    return vars(Verified.of(verified(seed, model, folder, method, passes), HEAVY_CELL, seed))
 
 
 def pooled(found: Mapping[Case, Verified]) -> dict[Case, Verified]:
@@ -82,29 +86,20 @@ def pooled(found: Mapping[Case, Verified]) -> dict[Case, Verified]:
     return {case: Verified.pooled(parts) for case, parts in every.items() if len(parts) > 1}
 
 
-def main() -> int:
-    """Run, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=list(METHODS))
-    parser.add_argument("--processes", type=int, default=1, help="runs at once")
-    parser.add_argument("--keep", type=Path, help="folder for the run folders")
-    asked = parser.parse_args()
-    folder = asked.keep or Path(tempfile.mkdtemp())
-    folder.mkdir(parents=True, exist_ok=True)
-    with ThreadPoolExecutor(asked.processes) as pool:
-        models = dict(enumerate(pool.map(lambda seed: calibrated(seed, folder), range(1, asked.seeds + 1)), 1))
-        tried = list(cases(asked.seeds, asked.methods))
-        runs = pool.map(lambda of: verified(int(of.seed), models[int(of.seed)], folder, of.method, of.passes), tried)
-        print(HEAD, flush=True)
-        found = {}
-        for case, run in zip(tried, runs, strict=True):
-            found[case] = Verified.of(run, HEAVY_CELL, int(case.seed))
-            print(case.row(found[case]), flush=True)
-    for case, both in pooled(found).items():
-        print(case.row(both))
-    return 0
+def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
+    """A line for each seed and method, and all seeds of each method together."""
+    runs = {}
+    for row in sorted(found, key=lambda row: row["seed"]):
+        errors = (np.array(row[name]) for name in ("before", "after", "floor"))
+        case = Case(row["seed"], row["method"], row["passes"])
+        runs[case] = Verified(*errors, row["correction_deg"], row["left_out"])
+    yield Table("\n".join([HEAD, *(case.row(one) for case, one in {**runs, **pooled(runs)}.items())]))
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+STUDY = Study(
+    units,
+    measure,
+    tables,
+    seeds=3,
+    options={"--methods": {"nargs": "+", "choices": list(METHODS), "default": list(METHODS)}},
+)

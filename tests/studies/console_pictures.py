@@ -1,4 +1,4 @@
-"""Pictures of each view of the console for the documents: `python tests/studies/console_pictures.py [FOLDER]`.
+"""Pictures of each view of the console for the documents; argument: [FOLDER].
 
 Starts a console with the simulated sphere cell, runs a campaign from the page, and writes PNG files to the folder
 (default: docs/images). Needs Debian's Chromium.
@@ -9,23 +9,22 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from cell_runs import ROOT
+from console_process import ConsoleProcess, browser, console_process
+from daily_checks import check
 from PIL import Image
-
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "helpers"))
-
-from console_process import ConsoleProcess, browser, console_process  # noqa: E402
-from daily_checks import check  # noqa: E402
 
 _WIDTH = 1360
 UR10 = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
 
 
-def main(folder: Path) -> None:
-    """Write the pictures of the views to `folder`."""
+def main(words: Sequence[str]) -> None:
+    """Write the pictures of the views to the folder."""
+    folder = Path(words[0]) if words else ROOT / "docs" / "images"
     with tempfile.TemporaryDirectory() as place, browser() as chromium:
         runs = Path(place) / "runs"
         with console_process(runs, "--cell", "sphere_cell") as console:
@@ -95,7 +94,3 @@ def _picture(page: Any, file: Path, height: int) -> None:
     page.wait_for_timeout(2500)
     page.screenshot(path=file)
     Image.open(file).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(file, optimize=True)
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images")

@@ -1,8 +1,5 @@
 """Sphere, plane, point or distance: which constraint identifies a robot best, at equal numbers of touches.
 
-    uv run python tests/studies/constraint_kinds.py [--seeds 40] [--touches 50 100]
-                                                    [--write docs/results/constraints.md]
-
 The spherical-constraint paper (doi 10.3390/app14219824) says that touches on a sphere give better accuracy than plane,
 point or distance constraints. KR5 robots drawn from the prior (the tests' own arm) are measured in each way, 0.03 mm
 1 σ, at places unknown to the fit, the wrist turned at random in the same way everywhere, the tool from outside.
@@ -12,19 +9,15 @@ Volumetric: 3-D RMS over the workspace of `volumetric.py`, the best rigid motion
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Callable
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
-
 from kr5_model import ROBOT
+from numpy.typing import NDArray
 from own_arm import Floats
 from own_campaigns import Campaign, body_error, certificate, nominal_of
 from volumetric import HIGH, LOW, workspace_of
@@ -41,6 +34,7 @@ from cellctl.calibration import (
     sigma_among,
 )
 from cellctl.formats import RobotFile
+from tests.studies._runner import Row, Study, Table
 
 SIGMA_MM = 0.03
 BY_HAND_MM = 0.1
@@ -54,7 +48,6 @@ PLANES = np.array(
     [[1000.0, 0.0, 200.0, 0.0, 0.0, 1.0], [1300.0, 0.0, 450.0, -1.0, 0.0, 0.0], [950.0, -450.0, 450.0, 0.0, 1.0, 0.0]]
 )
 PAIRS = [(0, 1), (0, 2), (1, 2)]
-BEGIN, END = "<!-- constraint figures -->", "<!-- end of constraint figures -->"
 
 TRIED = 5
 """Rows drawn for each that is kept: the others' tools would go through what they touch."""
@@ -130,25 +123,25 @@ def _measured_from(
     return TouchRows(q, point, reach, np.full((count, 1), sigma))
 
 
-KINDS: tuple[tuple[str, Rows, Floats, bool], ...] = (
-    ("one sphere", spheres, ONE, False),
-    ("one plane", planes, PLANES[:1], False),
-    ("one point", sockets, ONE, False),
-    ("one point, aligned by hand (0.1 mm)", by_hand, ONE, False),
-    ("one distance: rod of 500 mm", bars, ANCHORS[:1], False),
-    ("one distance: draw-wire", wires, ANCHORS[:1], False),
-    ("three spheres", spheres, THREE, False),
-    ("three planes", planes, PLANES, False),
-    ("three planes, a fifth of the touches by one rod", planes_and_rod, PLANES, False),
-    ("three points", sockets, THREE, False),
-    ("three points, aligned by hand (0.1 mm)", by_hand, THREE, False),
-    ("three distances: rods of 500 mm", bars, ANCHORS, False),
-    ("three distances: draw-wires", wires, ANCHORS, False),
-    ("three spheres, spacings certified", spheres, THREE, True),
-    ("three points, spacings certified", sockets, THREE, True),
-    ("three distances: rods, spacings of the anchors certified", bars, ANCHORS, True),
-    ("three distances: draw-wires, spacings of the anchors certified", wires, ANCHORS, True),
-)
+KINDS: Mapping[str, tuple[Rows, Floats, bool]] = {
+    "one sphere": (spheres, ONE, False),
+    "one plane": (planes, PLANES[:1], False),
+    "one point": (sockets, ONE, False),
+    "one point, aligned by hand (0.1 mm)": (by_hand, ONE, False),
+    "one distance: rod of 500 mm": (bars, ANCHORS[:1], False),
+    "one distance: draw-wire": (wires, ANCHORS[:1], False),
+    "three spheres": (spheres, THREE, False),
+    "three planes": (planes, PLANES, False),
+    "three planes, a fifth of the touches by one rod": (planes_and_rod, PLANES, False),
+    "three points": (sockets, THREE, False),
+    "three points, aligned by hand (0.1 mm)": (by_hand, THREE, False),
+    "three distances: rods of 500 mm": (bars, ANCHORS, False),
+    "three distances: draw-wires": (wires, ANCHORS, False),
+    "three spheres, spacings certified": (spheres, THREE, True),
+    "three points, spacings certified": (sockets, THREE, True),
+    "three distances: rods, spacings of the anchors certified": (bars, ANCHORS, True),
+    "three distances: draw-wires, spacings of the anchors certified": (wires, ANCHORS, True),
+}
 
 
 @dataclass(frozen=True)
@@ -178,54 +171,53 @@ def measured(rows: Rows, places: Floats, certified: bool, count: int, seed: int,
     )
 
 
-def study(seeds: int, touches: list[int]) -> list[str]:
-    """The table."""
+def units(asked: Namespace) -> Iterator[Row]:
+    """Every robot by every constraint with every number of touches."""
+    for kind in KINDS:
+        for count in asked.touches:
+            yield from ({"constraint": kind, "touches": count, "seed": seed} for seed in asked.seeds)
+
+
+def measure(constraint: str, touches: int, seed: int) -> Mapping[str, float]:
+    """The figures of one robot."""
+    return vars(measured(*KINDS[constraint], touches, seed, _everywhere()))
+
+
+@cache
+def _everywhere() -> Floats:
     robot = RobotFile.load(ROBOT)
-    asked = robot.joint_map().model(workspace_of(robot, POSTURES))
-    lines = [
-        "| constraint | numbers per touch | " + " | ".join(f"{count} touches | stated" for count in touches) + " |"
-    ]
-    lines.append("|---|---|" + "---|---|" * len(touches))
-    before = []
-    for name, rows, places, certified in KINDS:
+    return robot.joint_map().model(workspace_of(robot, POSTURES))
+
+
+def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
+    """A line for each constraint, and the nominal robot."""
+    head = " | ".join(f"{count} touches | stated" for count in asked.touches)
+    lines = [f"| constraint | numbers per touch | {head} |", "|---|---|" + "---|---|" * len(asked.touches)]
+    for name, (rows, _, _) in KINDS.items():
         cells = [name, "3" if rows in (sockets, by_hand) else "1"]
-        for count in touches:
-            all_of = [measured(rows, places, certified, count, seed, asked) for seed in range(seeds)]
-            before += [one.before for one in all_of]
-            stated = np.sqrt(np.mean([one.stated**2 for one in all_of]))
-            cells += [_interval([one.after for one in all_of]), f"{stated:.3f}"]
+        for count in asked.touches:
+            all_of = [row for row in found if (row["constraint"], row["touches"]) == (name, count)]
+            stated = np.sqrt(np.mean([row["stated"] ** 2 for row in all_of])) if all_of else np.nan
+            cells += [_interval([row["after"] for row in all_of]), f"{stated:.3f}"]
         lines.append("| " + " | ".join(cells) + " |")
-        print(lines[-1], file=sys.stderr, flush=True)
-    lines.append("| nominal robot | – |" + f" {_interval(before[:seeds])} | – |" * len(touches))
-    return lines
+    before = {row["seed"]: row["before"] for row in reversed(found)}
+    lines.append("| nominal robot | – |" + f" {_interval(list(before.values()))} | – |" * len(asked.touches))
+    yield Table("\n".join(lines), "constraint figures")
 
 
 def _interval(values: list[float]) -> str:
+    if len(values) < 2:
+        return "–"
     half = 1.96 * float(np.std(values, ddof=1)) / len(values) ** 0.5
     return f"{np.mean(values):.3f} ± {half:.3f}"
 
 
-def write_into(document: Path, table: str) -> None:
-    """Replace the table between the marks."""
-    before, begin, rest = document.read_text(encoding="utf-8").partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise RuntimeError(f"{document} has no place for the figures")
-    document.write_text(f"{before}{begin}\n{table}\n{end}{after}", encoding="utf-8")
-
-
-def main() -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(description="Sphere, plane, point and distance at equal numbers of touches.")
-    parser.add_argument("--seeds", type=int, default=40)
-    parser.add_argument("--touches", type=int, nargs="+", default=[50, 100])
-    parser.add_argument("--write", type=Path)
-    asked = parser.parse_args()
-    table = "\n".join(study(asked.seeds, asked.touches))
-    print(table)
-    if asked.write:
-        write_into(asked.write, table)
-
-
-if __name__ == "__main__":
-    main()
+STUDY = Study(
+    units,
+    measure,
+    tables,
+    seeds=40,
+    first=0,
+    options={"--touches": {"type": int, "nargs": "+", "default": [50, 100]}},
+    writes=True,
+)

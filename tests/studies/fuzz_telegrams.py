@@ -1,4 +1,4 @@
-"""Does anything on the RSI line end the cyclic process? `python tests/studies/fuzz_telegrams.py [N] [SEED]`.
+"""Does anything on the RSI line end the cyclic process? Arguments: [N] [SEED].
 
 Sends N (10^6 unless stated) garbled, malformed and hostile telegrams to a real cyclic process on loopback, all of them
 from the session's own address. After each hundred another search is ordered and announced, and must be answered. Prints
@@ -10,9 +10,9 @@ from __future__ import annotations
 import asyncio
 import random
 import socket
-import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 from cellctl.clock import WallClock
@@ -116,5 +116,6 @@ async def fuzz(number: int, seed: int = 1) -> Counter[str]:
         await process.end()
 
 
-if __name__ == "__main__":
-    print(dict(asyncio.run(fuzz(*map(int, sys.argv[1:] or ["1000000"])))))
+def main(words: Sequence[str]) -> None:
+    """Send them, print what was counted."""
+    print(dict(asyncio.run(fuzz(*map(int, words or ["1000000"])))))

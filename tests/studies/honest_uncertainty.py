@@ -1,8 +1,5 @@
 """Whether the estimator's own σ is the error that is found: robots drawn from the prior, and from far outside it.
 
-    uv run python tests/studies/honest_uncertainty.py [--seeds 200] [--first 0] [--only lacks]
-                                                      [--write docs/results/uncertainty.md]
-
 Five tables, about ten minutes on one core; `--only` makes some of them. 1 (`prior`): touches on spheres, positions and
 poses of robots drawn from the prior that the fit is told, against the truth and against SciPy's optimum of the same
 posterior by finite differences. 2 (`outside`): joint zeros or links far outside the prior. 3 (`orientations`):
@@ -14,28 +11,75 @@ lies outside what is promised.
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Iterable, Mapping
-from pathlib import Path
+from argparse import Namespace
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, fields, replace
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
-
 from fixed_orientations import TILTED, UPRIGHT, fixed
 from honesty import Elsewhere, Honesty, Summary, elsewhere, honesty
 from misjudged import MISJUDGED
 from own_effects import JointErrors
 from simulated_setups import OUTSIDE, SETUPS
 
-BEGIN, END = "<!-- uncertainty figures:", "<!-- end of uncertainty figures -->"
+from tests.studies._runner import Row, Study, Table
+
+TURNS = {"one": [UPRIGHT], "two, 40° apart": [UPRIGHT, TILTED]}
+CASES = {"prior": [""], "outside": [*OUTSIDE], "orientations": [*TURNS], "wrong": [*MISJUDGED], "lacks": [""]}
+"""Table → its cases."""
+
+MARK = "uncertainty figures"
 FEWER = 10
 """The other tables take one seed where the first takes this many."""
 
 
-def drawn_from_the_prior(seeds: range) -> tuple[list[str], bool]:
-    """The first table, and whether all its figures are as promised."""
+def units(asked: Namespace) -> Iterator[Row]:
+    """Every seed of every case and set-up of the asked tables."""
+    fewer = range(asked.first, asked.first + max(len(asked.seeds) // FEWER, 2))
+    for table in asked.only or CASES:
+        for case in CASES[table]:
+            for setup in [""] if table == "orientations" else SETUPS:
+                seeds = asked.seeds if table in ("prior", "lacks") else fewer
+                yield from ({"table": table, "case": case, "setup": setup, "seed": seed} for seed in seeds)
+
+
+def measure(table: str, case: str, setup: str, seed: int) -> Row:
+    """The figures of one draw."""
+    if table == "orientations":
+        same, others = elsewhere(*fixed(seed, TURNS[case]))
+        return {"at the same": asdict(same), "at others": asdict(others)}
+    draw, compared = SETUPS[setup], table in ("prior", "outside")
+    if table == "wrong":
+        drawn = MISJUDGED[case](draw(seed))
+    elif table == "lacks":
+        drawn = draw(seed, besides=JointErrors.drawn(seed))
+    else:
+        drawn = draw(seed, OUTSIDE[case]) if case else draw(seed)
+    return vars(honesty(drawn, compared=compared))
+
+
+Cases = dict[tuple[str, str], list[Honesty]]
+"""Case and set-up → the figures of its draws."""
+
+
+def cases(found: list[Row], table: str) -> Cases:
+    """Those of a table."""
+    cases: Cases = {}
+    for row in found:
+        if row["table"] == table:
+            one = Honesty(**{each.name: row[each.name] for each in fields(Honesty)})
+            one = replace(one, place_nees=np.array(one.place_nees))
+            cases.setdefault((row["case"], row["setup"]), []).append(one)
+    return cases
+
+
+def as_promised(found: list[Row]) -> bool:
+    """Whether all figures of the first table are, if it is made."""
+    return all(Summary.of(all_of).as_promised for all_of in cases(found, "prior").values())
+
+
+def drawn_from_the_prior(rows: list[Row]) -> list[str]:
+    """The first table."""
     lines = [
         "| set-up | seeds | NEES per degree of freedom: parameters | predicted points "
         "| truth in the 95 % region: one point | volumetric RMS | all parameters | volumetric RMS (mm) | stated "
@@ -43,10 +87,8 @@ def drawn_from_the_prior(seeds: range) -> tuple[list[str], bool]:
         "| noise scaled | prior scaled | not converged |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    kept = True
-    for name, draw in SETUPS.items():
-        found = Summary.of([honesty(draw(seed)) for seed in seeds])
-        kept = kept and found.as_promised
+    for (_, name), all_of in cases(rows, "prior").items():
+        found = Summary.of(all_of)
         cells = (
             f"{found.nees:.3f}",
             f"{found.place_nees:.3f}",
@@ -61,10 +103,10 @@ def drawn_from_the_prior(seeds: range) -> tuple[list[str], bool]:
             str(found.unconverged),
         )
         lines.append(_line(name, found.draws, *cells))
-    return lines, kept
+    return lines
 
 
-def outside_the_prior(seeds: range) -> list[str]:
+def outside_the_prior(rows: list[Row]) -> list[str]:
     """The second table."""
     lines = [
         "| set-up | outside the prior | seeds | NEES per degree of freedom | truth in the 95 % region: volumetric RMS "
@@ -72,8 +114,7 @@ def outside_the_prior(seeds: range) -> list[str]:
         "| not converged |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for (what, errors), (name, draw) in ((case, setup) for case in OUTSIDE.items() for setup in SETUPS.items()):
-        all_of = [honesty(draw(seed, errors)) for seed in seeds]
+    for (what, name), all_of in cases(rows, "outside").items():
         found = Summary.of(all_of)
         cells = (
             f"{found.nees:.2f}",
@@ -90,7 +131,7 @@ def outside_the_prior(seeds: range) -> list[str]:
     return lines
 
 
-def told_wrong(seeds: range) -> list[str]:
+def told_wrong(rows: list[Row]) -> list[str]:
     """The fourth table."""
     lines = [
         "| what is wrong | set-up | seeds | NEES per degree of freedom: parameters | predicted points "
@@ -98,8 +139,7 @@ def told_wrong(seeds: range) -> list[str]:
         "| rows left out of 50, mean | noise scale | prior scale |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for (what, changed), (name, draw) in ((case, setup) for case in MISJUDGED.items() for setup in SETUPS.items()):
-        all_of = [honesty(changed(draw(seed)), compared=False) for seed in seeds]
+    for (what, name), all_of in cases(rows, "wrong").items():
         found = Summary.of(all_of)
         cells = (
             f"{found.nees:.2f}",
@@ -115,7 +155,7 @@ def told_wrong(seeds: range) -> list[str]:
     return lines
 
 
-def effects_that_the_model_lacks(seeds: range) -> list[str]:
+def effects_that_the_model_lacks(rows: list[Row]) -> list[str]:
     """The fifth table."""
     lines = [
         "| set-up | seeds | NEES per degree of freedom, predicted points | truth in the 95 % region: one point "
@@ -123,8 +163,7 @@ def effects_that_the_model_lacks(seeds: range) -> list[str]:
         "| prior scale | not converged |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for name, draw in SETUPS.items():
-        all_of = [honesty(draw(seed, besides=JointErrors.drawn(seed)), compared=False) for seed in seeds]
+    for (_, name), all_of in cases(rows, "lacks").items():
         found = Summary.of(all_of)
         cells = (
             f"{found.place_nees:.2f}",
@@ -141,22 +180,22 @@ def effects_that_the_model_lacks(seeds: range) -> list[str]:
     return lines
 
 
-def fixed_orientations(seeds: range) -> list[str]:
+def fixed_orientations(rows: list[Row]) -> list[str]:
     """The third table."""
     lines = [
         "| orientations of the tool | predicted | seeds | error found, RMS (mm) | stated | NEES per degree of freedom "
         "| point in its 95 % region | not converged |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for what, turns in {"one": [UPRIGHT], "two, 40° apart": [UPRIGHT, TILTED]}.items():
-        pairs = [elsewhere(*fixed(seed, turns)) for seed in seeds]
-        for where, all_of in zip(("at the same", "at others"), zip(*pairs, strict=True), strict=True):
-            lines.append(_line(what, where, len(all_of), *_figures(all_of)))
+    for what in TURNS:
+        for where in ("at the same", "at others"):
+            all_of = [Elsewhere(**row[where]) for row in rows if (row["table"], row["case"]) == ("orientations", what)]
+            if all_of:
+                lines.append(_line(what, where, len(all_of), *_figures(all_of)))
     return lines
 
 
-def _figures(all_of: Iterable[Elsewhere]) -> tuple[str, ...]:
-    found = list(all_of)
+def _figures(found: list[Elsewhere]) -> tuple[str, ...]:
     rms, said = (float(np.sqrt(np.mean([getattr(one, which) ** 2 for one in found]))) for which in ("rms", "said_rms"))
     nees, inside = np.mean([one.nees for one in found]), np.mean([one.inside for one in found])
     apart = sum(not one.converged for one in found)
@@ -174,59 +213,36 @@ def _span(values: Iterable[float]) -> str:
 
 
 def _line(*cells: object) -> str:
-    line = "| " + " | ".join(str(cell) for cell in cells) + " |"
-    print(line, file=sys.stderr, flush=True)
-    return line
-
-
-def write_into(document: Path, made: Mapping[str, str]) -> None:
-    """Replace the tables between the marks that were `made`, by title; the others stay."""
-    before, begin, rest = document.read_text(encoding="utf-8").partition(BEGIN)
-    mark, _, _ = rest.partition("\n")
-    tables, end, after = rest.partition(END)
-    if not (begin and end):
-        raise RuntimeError(f"{document} has no place for the figures")
-    known = {part.partition("\n")[0]: part.partition("\n")[2].strip() for part in tables.split("### ")[1:]}
-    text = _text({title: made.get(title, known.get(title, "")) for title in PARTS.values()})
-    document.write_text(f"{before}{begin}{mark}\n{text}\n{end}{after}", encoding="utf-8")
-
-
-def _text(tables: Mapping[str, str]) -> str:
-    return "\n\n".join(f"### {title}\n\n{table}" for title, table in tables.items() if table)
+    return "| " + " | ".join(str(cell) for cell in cells) + " |"
 
 
 PARTS = {
-    "prior": "Robots drawn from the prior",
-    "outside": "Robots from outside the prior",
-    "orientations": "One or two orientations only",
-    "wrong": "Wrong noise or prior stated",
-    "lacks": "Effects that the model lacks",
+    "prior": ("Robots drawn from the prior", drawn_from_the_prior),
+    "outside": ("Robots from outside the prior", outside_the_prior),
+    "orientations": ("One or two orientations only", fixed_orientations),
+    "wrong": ("Wrong noise or prior stated", told_wrong),
+    "lacks": ("Effects that the model lacks", effects_that_the_model_lacks),
 }
-OF_FEWER = {"outside": outside_the_prior, "orientations": fixed_orientations, "wrong": told_wrong}
 
 
-def main() -> int:
-    """The command line."""
-    parser = argparse.ArgumentParser(description="Whether the estimator's own σ is the error that is found.")
-    parser.add_argument("--seeds", type=int, default=200, help="of `prior` and `lacks`; the others take a tenth")
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--only", choices=PARTS, action="append", help="one table; may be given again")
-    parser.add_argument("--write", type=Path)
-    asked = parser.parse_args()
-    seeds = range(asked.first, asked.first + asked.seeds)
-    fewer = range(asked.first, asked.first + max(asked.seeds // FEWER, 2))
-    made, kept = {}, True
-    for part in asked.only or PARTS:
-        if part == "prior":
-            lines, kept = drawn_from_the_prior(seeds)
-        else:
-            lines = effects_that_the_model_lacks(seeds) if part == "lacks" else OF_FEWER[part](fewer)
-        made[PARTS[part]] = "\n".join(lines)
-    print(_text(made))
-    if asked.write:
-        write_into(asked.write, made)
-    return 0 if kept else 1
+def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
+    """All that are made, and the others of the document that is written."""
+    made = {title: "\n".join(lines(found)) for part, (title, lines) in PARTS.items() if part in (asked.only or PARTS)}
+    written = asked.write.read_text(encoding="utf-8").partition(f"<!-- {MARK}")[2] if asked.write else ""
+    for part in written.partition(f"<!-- end of {MARK}")[0].split("### ")[1:]:
+        title, _, text = part.partition("\n")
+        made.setdefault(title, text.strip())
+    texts = (f"### {title}\n\n{made[title]}" for title, _ in PARTS.values() if made.get(title))
+    yield Table("\n\n".join(texts), MARK)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+STUDY = Study(
+    units,
+    measure,
+    tables,
+    seeds=200,
+    first=0,
+    options={"--only": {"choices": PARTS, "action": "append", "help": "one table; may be given again"}},
+    passed=as_promised,
+    writes=True,
+)

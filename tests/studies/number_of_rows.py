@@ -1,7 +1,5 @@
 """Accuracy against the number of rows: positions of a real UR10, touches of a simulated KR5 (25 minutes).
 
-    uv run python tests/studies/number_of_rows.py [--draws 5] [--robots 3] [--public FOLDER]
-
 UR10 (`measurements_grid.csv` of the public data): the 800 rows of docs/reference/data-sets.md are drawn from, and its
 3000 others judge; then rows near one posture. KR5: one campaign of 120 + 30 touches for each robot; random ones of the
 120 identify, the 30 and the simulator's truth over the workspace judge. Prints a line for each fit. A study and no
@@ -10,24 +8,22 @@ test: it judges nothing.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import random
-import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
-
 from cell_runs import CELL, ROOT, cellctl
 from volumetric import volumetric_errors
 
 from cellctl.formats import ModelFile
+from tests.studies._runner import Row, Study, Table
 
 JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
 MEASURED = [f"measurement_{name}" for name in ("x", "y", "z", "temperature")]
@@ -35,57 +31,55 @@ COLUMNS = ["q1", "q2", "q3", "q4", "q5", "q6", "X", "Y", "Z", "temperature", "se
 NEAR = 1000
 """Rows nearest to one posture, from which the rows *near one posture* are drawn."""
 
-Row = Sequence[str]
+Line = Sequence[str]
 
 
-def main() -> None:
-    """Both tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=5, help="of the UR10's rows")
-    parser.add_argument("--robots", type=int, default=3, help="simulated KR5, seeds from 1")
-    parser.add_argument("--public", type=Path, default=ROOT.parent / "shared" / "data", help="folder of public data")
-    asked = parser.parse_args()
+def units(asked: Namespace) -> Iterator[Row]:
+    """Each fit of the UR10, and each robot of the KR5."""
+    ur10 = {"robot": "UR10", "public": str(asked.public)}
+    for seed in range(1, asked.draws + 1):
+        for near, counts in ((False, (10, 20, 40, 80, 160, 320)), (True, (40, 160))):
+            yield from ({**ur10, "poses": count, "near": near, "seed": seed} for count in counts)
+    yield {**ur10, "poses": 800, "near": False, "seed": 0}
+    yield from ({"robot": "KR5", "seed": seed} for seed in asked.seeds)
+
+
+def measure(robot: str, seed: int, public: str = "", poses: int = 0, near: bool = False) -> Row:
+    """The figures of the robot's fits: one of the UR10, all of the KR5."""
     with tempfile.TemporaryDirectory() as folder:
-        of_positions(asked.public / "ur10_tracker" / "measurements_grid.csv", asked.draws, Path(folder))
-        for seed in range(1, asked.robots + 1):
-            of_touches(seed, Path(folder))
+        if robot == "KR5":
+            return {"fits": list(of_touches(seed, Path(folder)))}
+        return {"fits": [of_positions(Path(public), poses, near, seed, Path(folder))]}
 
 
-def of_positions(file: Path, draws: int, folder: Path) -> None:
-    """Rows spread over the grid, and rows near one posture."""
-    with file.open(newline="") as source:
-        lines = [
-            [row[name].replace(",", ".") for name in JOINTS + MEASURED] for row in csv.DictReader(source, delimiter=";")
-        ]
+@cache
+def positions(public: Path) -> list[Line]:
+    """The UR10's rows: joints, position, temperature."""
+    with (public / "ur10_tracker" / "measurements_grid.csv").open(newline="") as source:
+        rows = csv.DictReader(source, delimiter=";")
+        return [[row[name].replace(",", ".") for name in JOINTS + MEASURED] for row in rows]
+
+
+def of_positions(public: Path, count: int, near: bool, seed: int, folder: Path) -> Row:
+    """Rows spread over the grid, or near one posture; seed 0: all that are not for judging."""
+    lines = positions(public)
     order = random.Random(1).sample(range(len(lines)), 3800)
     pool, judges = order[:800], order[800:]
-    rest = sorted(set(range(len(lines))) - set(judges))
-    joints = np.array([line[:6] for line in lines], dtype=float)
-
-    def rows(chosen: Iterable[int], name: str) -> list[Row]:
-        return [[*lines[index], name] for index in chosen]
-
-    def one(title: str, chosen: Iterable[int]) -> None:
-        found = fitted("ur10", [COLUMNS, *rows(chosen, "fit"), *rows(judges, "test")], folder)
-        print(
-            title,
-            f"mean {found['test']['mean']:.3f}, predicted RMS {found['predicted_test_rms']:.3f}",
-            found["verdict"],
-        )
-
-    for seed in range(1, draws + 1):
-        for count in (10, 20, 40, 80, 160, 320):
-            one(f"UR10, {count} poses, draw {seed}:", random.Random(seed).sample(pool, count))
+    if near:
+        joints = np.array([line[:6] for line in lines], dtype=float)
         centre = joints[random.Random(seed).choice(pool)]
-        near = sorted(rest, key=lambda index: float(np.sum((joints[index] - centre) ** 2)))[:NEAR]
-        for count in (40, 160):
-            one(f"UR10, {count} poses near one, draw {seed}:", random.Random(seed).sample(near, count))
-    one("UR10, 800 poses:", pool)
+        rest = sorted(set(range(len(lines))) - set(judges))
+        nearest = sorted(rest, key=lambda index: float(np.sum((joints[index] - centre) ** 2)))[:NEAR]
+        chosen = random.Random(seed).sample(nearest, count)
+    else:
+        chosen = random.Random(seed).sample(pool, count) if seed else pool
+    rows = [[*lines[index], name] for name, part in (("fit", chosen), ("test", judges)) for index in part]
+    return fitted("ur10", [COLUMNS, *rows], folder)
 
 
-def of_touches(seed: int, folder: Path) -> None:
+def of_touches(seed: int, folder: Path) -> Iterator[Row]:
     """Random ones of 120 planned touches."""
-    runs, result = folder / f"runs{seed}", folder / f"run{seed}.json"
+    runs, result = folder / "runs", folder / "run.json"
     counts = ("touches_fit=120", "touches_test=30", "standoff_targets=3")
     settings = [word for count in counts for word in ("--set", count)]
     cellctl("run", "sphere_selfcal", "--seed", str(seed), *settings, "--runs", runs, "--json", result)
@@ -98,15 +92,11 @@ def of_touches(seed: int, folder: Path) -> None:
             chosen = random.Random(draw).sample(fit, count)
             found = fitted("kr5_r1400", [head, *chosen, *judges], folder, "--artefact", CELL)
             errors = volumetric_errors(ModelFile.load(folder / "model.json"), CELL, seed, folder)
-            print(
-                f"KR5 {seed}, {count} touches, draw {draw}: mean {found['test']['mean']:.3f}, workspace RMS "
-                f"{np.sqrt(np.mean(errors**2)):.3f}, predicted {found['predicted_volumetric_rms']:.3f}",
-                found["verdict"],
-            )
+            yield {"touches": count, "draw": draw, **found, "workspace_rms": float(np.sqrt(np.mean(errors**2)))}
 
 
-def fitted(robot: str, rows: Sequence[Row], folder: Path, *words: str | Path) -> dict[str, Any]:
-    """The JSON of `cellctl fit` on these rows; the first one has the names."""
+def fitted(robot: str, rows: Sequence[Line], folder: Path, *words: str | Path) -> Row:
+    """Figures of `cellctl fit` on these rows; the first one has the names."""
     data, result, model = folder / "rows.csv", folder / "fit.json", folder / "model.json"
     with data.open("w", newline="") as target:
         csv.writer(target).writerows(rows)
@@ -114,8 +104,31 @@ def fitted(robot: str, rows: Sequence[Row], folder: Path, *words: str | Path) ->
     if done.returncode not in (0, 1):
         raise RuntimeError(done.stderr)
     found: dict[str, Any] = json.loads(result.read_text())
-    return found
+    names = ("verdict", "predicted_test_rms", "predicted_volumetric_rms")
+    return {"mean": found["test"]["mean"], **{name: found.get(name) for name in names}}
 
 
-if __name__ == "__main__":
-    main()
+def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
+    """A line for each fit."""
+    for row in found:
+        for fit in row["fits"]:
+            if row["robot"] == "KR5":
+                title = f"KR5 {row['seed']}, {fit['touches']} touches, draw {fit['draw']}:"
+                predicted = f"workspace RMS {fit['workspace_rms']:.3f}, predicted {fit['predicted_volumetric_rms']:.3f}"
+            else:
+                draw = f"{' near one' if row['near'] else ''}, draw {row['seed']}" if row["seed"] else ""
+                title = f"UR10, {row['poses']} poses{draw}:"
+                predicted = f"predicted RMS {fit['predicted_test_rms']:.3f}"
+            yield Table(f"{title} mean {fit['mean']:.3f}, {predicted} {fit['verdict']}")
+
+
+STUDY = Study(
+    units,
+    measure,
+    tables,
+    seeds=3,
+    options={
+        "--draws": {"type": int, "default": 5, "help": "of the UR10's rows; the seeds are simulated KR5 (5)"},
+        "--public": {"type": Path, "default": ROOT.parent / "shared" / "data", "help": "folder of public data"},
+    },
+)

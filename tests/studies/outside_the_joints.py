@@ -1,24 +1,20 @@
 """Predictions outside the measured joints: a real UR10, fitted where one joint is low, judged where it is high.
 
-    uv run python tests/studies/outside_the_joints.py [--splits A1 A1r A2 A2r A3 A3r] [--draws 20] [--each FILE]
-
 800 rows with the joint below its 40 % quantile to fit, 1500 with it above its 60 % quantile to predict (`r`: the other
-way round). The draws are of one robot's rows and overlap: their spread is no confidence interval. `--each` adds a line
-of JSON for each draw to a file. The measurements are public (ipa-robot-accuracy data set) and not in this repository.
+way round). The draws (seeds) are of one robot's rows and overlap: their spread is no confidence interval. The
+measurements are public (ipa-robot-accuracy data set) and not in this repository.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
-import json
-import sys
+from argparse import Namespace
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 from real_rows import DATA, JOINTS, REPEATABILITY_MM
 
 from cellctl.calibration import (
@@ -36,11 +32,13 @@ from cellctl.calibration import (
 )
 from cellctl.calibration.verdict.heldout import held_out_rows
 from cellctl.formats import RobotFile
+from tests.studies._runner import Row, Study, Table
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "ur10.yaml"
 FIT, PREDICTED = 800, 1500
 
 
+@cache
 def measured() -> tuple[np.ndarray, np.ndarray]:
     """Joint angles (N, 6), rad, and positions (N, 3), mm."""
     with DATA.open(newline="") as source:
@@ -94,7 +92,7 @@ def score(errors: np.ndarray, variance: np.ndarray | float) -> float:
 
 def line(name: str, each: list[dict[str, Any]]) -> str:
     """A line of the table: mean and range of the draws."""
-    of = {key: np.array([one[key] for one in each]) for key in each[0] if key != "model"}
+    of = {key: np.array([one[key] for one in each]) for key in each[0] if key not in ("case", "model")}
     better = np.minimum(of["nominal"], of["geometry"])
     stated, found = np.sqrt(np.mean(of["stated"] ** 2)), np.sqrt(np.mean(of["found"] ** 2))
     ratios = of["stated"] / of["found"]
@@ -122,25 +120,31 @@ HEAD = (
 )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--splits", nargs="+", default=["A1", "A2", "A3", "A1r", "A2r", "A3r"])
-    parser.add_argument("--draws", type=int, default=20)
-    parser.add_argument("--each", type=Path)
-    asked = parser.parse_args()
-    q, xyz = measured()
-    print(HEAD)
-    for name in asked.splits:
-        joint, each = int(name[1]) - 1, []
-        for draw in range(asked.draws):
-            fitted, predicted = split(q[:, joint], joint, draw, name.endswith("r"))
-            rows = np.concatenate([fitted, predicted])
-            each.append(figures(q[rows], xyz[rows], len(fitted)))
-            if asked.each is not None:
-                with asked.each.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps({"split": name, "draw": draw, **each[-1]}) + "\n")
-        print(line(name.replace("r", " reversed"), each), flush=True)
+def units(asked: Namespace) -> Iterator[Row]:
+    """Every draw of every split."""
+    return ({"case": case, "seed": seed} for case in asked.splits for seed in asked.seeds)
 
 
-if __name__ == "__main__":
-    main()
+def measure(case: str, seed: int) -> Row:
+    """The figures of one draw."""
+    (q, xyz), joint = measured(), int(case[1]) - 1
+    fitted, predicted = split(q[:, joint], joint, seed, case.endswith("r"))
+    rows = np.concatenate([fitted, predicted])
+    return figures(q[rows], xyz[rows], len(fitted))
+
+
+def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
+    """A line for each split."""
+    numbers = {case: [row for row in found if row["case"] == case] for case in asked.splits}
+    lines = (line(case.replace("r", " reversed"), each) for case, each in numbers.items() if each)
+    yield Table("\n".join([HEAD, *lines]))
+
+
+STUDY = Study(
+    units,
+    measure,
+    tables,
+    seeds=20,
+    first=0,
+    options={"--splits": {"nargs": "+", "default": ["A1", "A2", "A3", "A1r", "A2r", "A3r"]}},
+)

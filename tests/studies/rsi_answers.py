@@ -1,7 +1,5 @@
 """How soon RSI telegrams are answered on a busy machine: our cyclic process beside RSIPI's driver, in one run.
 
-    python tests/studies/rsi_answers.py [--seconds 60] [--cycle ipo] [--online] [--rights-only]
-
 (Four minutes; group `peers`.)
 
 A stand-in for the controller sends a telegram each 4 ms (`--cycle ipo`: 12 ms) to both, half a cycle apart, while two
@@ -32,23 +30,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "helpers"))
+from cell_runs import ROOT, busy_machine
+from online_models import wavy_model
 
-from cell_runs import busy_machine  # noqa: E402 - found by the line above
-from online_models import wavy_model  # noqa: E402
-
-from drivers.kuka_rsi.cyclic.online_block import (  # noqa: E402
-    TIMING_STEP_NS,
-    OnlineSlot,
-    pack,
-)
+from drivers.kuka_rsi.cyclic.online_block import TIMING_STEP_NS, OnlineSlot, pack
 
 ONLINE = "on-line"
 CYCLES_MS = {"ipo_fast": 4, "ipo": 12}
@@ -77,10 +68,9 @@ class Peer:
         ethernet = Path(self._folder.name) / "ethernet.xml"
         port = _free_port()
         ethernet.write_text(ETHERNET.format(port=port, corrections="".join(AXIS.format(i=i) for i in range(1, 7))))
-        command = [sys.executable, __file__, "--cycle", cycle, "--serve", name, str(ethernet)]
-        self._process = subprocess.Popen(
-            command if rights else [*WITHOUT_RIGHTS, *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
+        words = ("rsi_answers", "--cycle", cycle, "--serve", name, str(ethernet))
+        command = [*([] if rights else WITHOUT_RIGHTS), sys.executable, "-m", "tests.studies", *words]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT)
         assert self._process.stdout is not None
         self.granted = json.loads(self._process.stdout.readline())
         self.line = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -297,15 +287,19 @@ def _large_model() -> tuple[float, ...]:
     return pack(arrays)
 
 
-def main() -> None:
+def main(words: Sequence[str]) -> None:
     """Both comparisons."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        "python -m tests.studies rsi_answers",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--cycle", choices=sorted(CYCLES_MS), default="ipo_fast")
     parser.add_argument("--online", action="store_true", help="ours corrects a program of the controller by a model")
     parser.add_argument("--rights-only", action="store_true", help="without the second comparison")
     parser.add_argument("--serve", nargs=2, metavar=("DRIVER", "ETHERNET"), help=argparse.SUPPRESS)
-    asked = parser.parse_args()
+    asked = parser.parse_args(words)
     if asked.serve:
         serve(asked.serve[0], Path(asked.serve[1]), asked.cycle)
         return
@@ -313,7 +307,3 @@ def main() -> None:
     compare(asked.seconds, asked.cycle, rights=True, ours=ours)
     if shutil.which("setpriv") and not asked.rights_only:
         compare(asked.seconds, asked.cycle, rights=False, ours=ours)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,28 +1,25 @@
 """Ten runs of one seed, five of them on a busy machine over slow wires: is it one data set? (about 20 minutes)
 
-    python tests/studies/same_bytes.py [--runs 10] [--seed 1] [--procedure procedures/sphere_selfcal.yaml]
-
 Prints the SHA-256 of each run's dataset.csv, and of the cell's times of all events in its journal. Exit 0 where each is
 one and the same.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import subprocess
 import sys
 import tempfile
+from argparse import Namespace
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "helpers"))
+from cell_runs import ROOT, busy_machine
 
-from cell_runs import busy_machine  # noqa: E402 - found by the line above
-
-from cellctl.journal import read_journal  # noqa: E402
+from cellctl.journal import read_journal
+from tests.studies._runner import Row, Study, Table
 
 
 def hashes(procedure: Path, seed: int, folder: Path, environment: dict[str, str]) -> tuple[str, str]:
@@ -38,23 +35,38 @@ def _sha(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def main() -> int:
-    """Run, print, compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--runs", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--procedure", type=Path, default=ROOT / "procedures" / "sphere_selfcal.yaml")
-    asked = parser.parse_args()
-    found = set()
-    for number in range(asked.runs):
-        disturbed = number % 2 == 1
-        environment = {"PYTHONPATH": str(ROOT / "tests" / "helpers" / "slow_wires")} if disturbed else {}
-        with tempfile.TemporaryDirectory() as folder, busy_machine() if disturbed else nullcontext():
-            found.add(pair := hashes(asked.procedure, asked.seed, Path(folder), environment))
-        print(f"{'busy machine, slow wires' if disturbed else 'nothing beside it':26}", *pair, flush=True)
-    print(f"{asked.runs} runs: {len(found)} different")
-    return 0 if len(found) == 1 else 1
+def units(asked: Namespace) -> Iterator[Row]:
+    """So many runs, each second one disturbed."""
+    return ({"procedure": str(asked.procedure), "of_seed": asked.seed, "run": n} for n in range(asked.runs))
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def measure(procedure: str, of_seed: int, run: int) -> Row:
+    """The hashes of a run."""
+    disturbed = run % 2 == 1
+    environment = {"PYTHONPATH": str(ROOT / "tests" / "helpers" / "slow_wires")} if disturbed else {}
+    with tempfile.TemporaryDirectory() as folder, busy_machine() if disturbed else nullcontext():
+        dataset, times = hashes(Path(procedure), of_seed, Path(folder), environment)
+    return {"beside": "busy machine, slow wires" if disturbed else "nothing beside it", "data": dataset, "times": times}
+
+
+def _different(found: list[Row]) -> int:
+    return len({(row["data"], row["times"]) for row in found})
+
+
+def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
+    """The hashes of each run."""
+    lines = [f"{row['beside']:26} {row['data']} {row['times']}" for row in found]
+    yield Table("\n".join([*lines, f"{len(found)} runs: {_different(found)} different"]))
+
+
+STUDY = Study(
+    units,
+    measure,
+    tables,
+    options={
+        "--runs": {"type": int, "default": 10},
+        "--seed": {"type": int, "default": 1},
+        "--procedure": {"type": Path, "default": ROOT / "procedures" / "sphere_selfcal.yaml"},
+    },
+    passed=lambda found: _different(found) == 1,
+)

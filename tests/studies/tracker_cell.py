@@ -1,35 +1,33 @@
 """Five robots of the tracker cell: errors before and after, ratio to the floor, frames against the truth (15 minutes).
 
-    uv run python tests/studies/tracker_cell.py [--seeds 5] [--keep FOLDER]
-
 Runs `tracker_calibration` over the wires on geometric robots and on robots with every effect of the simulated world,
 and asks the simulated world what the instrument would have shown without noise. Prints Markdown tables. A study and no
-test: it judges nothing.
+test: it judges nothing. Run folders stay in `runs/studies/tracker_cell`.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 import tempfile
-from dataclasses import dataclass
+from argparse import Namespace
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
-
-from cell_runs import ROOT, cellctl
+from cell_runs import ROOT, finished_run
 from tracker_runs import CELL, cell_of
 from tracker_truth import FLEXIBLE, Truth, found_frames, frame_errors, held_out, true_frames
 
-from cellctl.journal import RunState, fold, read_journal
+from cellctl.journal import fold, read_journal
 from cellctl.kinematics import Floats
 from cellctl.metrology.error_figures import floor_ratio
 from cellctl.metrology.measured_pose import nees_range
 from procedures.steps.tracker.rows import TrackerVerdict
+from tests.studies._runner import ROWS, Row, Study, Table
 
 EFFECTS = "{compliance: 1, gear: 1, backlash: 1, expansion: 1, warm_up: 1, air: 1, station_drift: 1}"
+CELLS = {"geometric robots": "", "robots with every effect": f"  errors: {EFFECTS}\n"}
+"""Robots → lines of the cell's section `simulate:`."""
+
 ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 HEAD = (
     "| seed | held-out poses, mean/RMS/max before → after | predicted ÷ found RMS | in their 95 % region "
@@ -39,15 +37,65 @@ HEAD = (
 FRAMES = "| seed | {B}: off by mm, ° | NEES | {T}: off by mm, ° | NEES |\n|---|---|---|---|---|"
 
 
-@dataclass(frozen=True)
-class Frames:
-    """{B} and {T} of one campaign: error of place (mm), of direction (deg), NEES."""
+def units(asked: Namespace) -> Iterator[Row]:
+    """Each robot with both kinds of errors."""
+    return ({"robots": robots, "seed": seed} for robots in CELLS for seed in asked.seeds)
 
-    errors: dict[str, tuple[float, float, float]]
 
-    def row(self, seed: int) -> str:
-        cells = " | ".join(f"{mm:.3f}, {deg:.4f} | {nees:.2f}" for mm, deg, nees in self.errors.values())
-        return f"| {seed} | {cells} |"
+def measure(robots: str, seed: int) -> Row:
+    """A campaign. nominal, identified, floor: lengths of the errors of held-out poses, mm; frames: {B} and {T}, each
+    with its error of place (mm), of direction (deg), and NEES. Raises RuntimeError where it comes to no verdict.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        cell = cell_of(Path(folder), CELLS[robots], "every_effect.yaml") if CELLS[robots] else CELL
+        runs = ROWS.resolve() / "tracker_cell" / f"{cell.stem}-{seed}"
+        run = finished_run(runs, "tracker_calibration", "--cell", cell, "--seed", str(seed))
+        journal, truth = fold(read_journal(run)), Truth(cell, seed)
+        geometry_alone = Truth(cell, seed, switched_off=FLEXIBLE)
+        found, verdict = held_out(run, journal, truth), journal.recorded(TrackerVerdict)[-1]
+        frames = frame_errors(found_frames(journal, ROBOT), true_frames(journal, ROBOT, geometry_alone))
+    assert verdict.held_out
+    assert verdict.held_out.predicted
+    assert verdict.targets
+    assert verdict.model
+    return {
+        "nominal": found.nominal,
+        "identified": found.identified,
+        "floor": found.floor,
+        "predicted": verdict.held_out.predicted,
+        "coverage": verdict.model["coverage_95"],
+        "targets": [[end.mean, end.rms, end.max] for end in (verdict.targets.before, verdict.targets.after)],
+        "frames": dict(frames),
+    }
+
+
+def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
+    """Both tables of each kind of robots."""
+    for robots in CELLS:
+        if all_of := [row for row in found if row["robots"] == robots]:
+            yield Table("\n".join([f"\n{robots}\n\n{HEAD}", *map(line, all_of)]))
+            yield Table("\n".join([f"\nframes, {robots}\n\n{FRAMES}", *map(frames_line, all_of)]))
+            all_nees = nees_range([nees for row in all_of for _, _, nees in row["frames"].values()], 6)
+            right = f"{all_nees.low:.2f} … {all_nees.high:.2f}"
+            yield Table(f"\nmean NEES {all_nees.mean:.2f}; 99 % of right covariances: {right}")
+
+
+def line(row: Row) -> str:
+    """A campaign's line of the table."""
+    nominal, identified, floor = (np.array(row[name]) for name in ("nominal", "identified", "floor"))
+    ratio = floor_ratio(identified, floor)
+    targets = " → ".join("/".join(f"{value:.3f}" for value in end) for end in row["targets"])
+    return (
+        f"| {row['seed']} | {figures(nominal)} → {figures(identified)} "
+        f"| {row['predicted'] / ratio.rms_mm:.2f} | {100 * row['coverage']:.0f} % "
+        f"| {ratio.floor_mm:.3f} | {ratio.ratio:.2f} ({ratio.low:.2f}…{ratio.high:.2f}) | {targets} |"
+    )
+
+
+def frames_line(row: Row) -> str:
+    """A campaign's line of the table of frames."""
+    cells = " | ".join(f"{mm:.3f}, {deg:.4f} | {nees:.2f}" for mm, deg, nees in row["frames"].values())
+    return f"| {row['seed']} | {cells} |"
 
 
 def figures(errors: Floats) -> str:
@@ -55,58 +103,4 @@ def figures(errors: Floats) -> str:
     return f"{errors.mean():.3f}/{np.sqrt(np.mean(errors**2)):.3f}/{errors.max():.3f}"
 
 
-def row(seed: int, run: Path, journal: RunState, truth: Truth) -> str:
-    """A campaign's line of the table."""
-    found, verdict = held_out(run, journal, truth), journal.recorded(TrackerVerdict)[-1]
-    ratio = floor_ratio(found.identified, found.floor)
-    assert verdict.held_out
-    assert verdict.held_out.predicted
-    assert verdict.targets
-    assert verdict.model
-    ends = (verdict.targets.before, verdict.targets.after)
-    targets = " → ".join(f"{end.mean:.3f}/{end.rms:.3f}/{end.max:.3f}" for end in ends)
-    return (
-        f"| {seed} | {figures(found.nominal)} → {figures(found.identified)} "
-        f"| {verdict.held_out.predicted / ratio.rms_mm:.2f} | {100 * verdict.model['coverage_95']:.0f} % "
-        f"| {ratio.floor_mm:.3f} | {ratio.ratio:.2f} ({ratio.low:.2f}…{ratio.high:.2f}) | {targets} |"
-    )
-
-
-def campaign(cell: Path, seed: int, folder: Path) -> Path:
-    """The run folder; an earlier one of this seed serves. Raises RuntimeError where it does not come to a verdict."""
-    runs = folder / f"{cell.stem}-{seed}"
-    if not runs.exists():
-        told = cellctl("run", "tracker_calibration", "--cell", cell, "--seed", str(seed), "--runs", runs)
-        if told.returncode:
-            raise RuntimeError(f"seed {seed}: {told.stderr}")
-    return next(runs.glob("*/journal.sqlite")).parent
-
-
-def main() -> int:
-    """Run, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--keep", type=Path, help="folder for the run folders")
-    asked = parser.parse_args()
-    folder = asked.keep or Path(tempfile.mkdtemp())
-    folder.mkdir(parents=True, exist_ok=True)
-    flexible = cell_of(folder, f"  errors: {EFFECTS}\n", "every_effect.yaml")
-    for title, cell in (("geometric robots", CELL), ("robots with every effect", flexible)):
-        print(f"\n{title}\n\n{HEAD}", flush=True)
-        frames = []
-        for seed in range(1, asked.seeds + 1):
-            run = campaign(cell, seed, folder)
-            journal = fold(read_journal(run))
-            print(row(seed, run, journal, Truth(cell, seed)), flush=True)
-            geometry_alone = Truth(cell, seed, switched_off=FLEXIBLE)
-            errors = frame_errors(found_frames(journal, ROBOT), true_frames(journal, ROBOT, geometry_alone))
-            frames.append(Frames(dict(errors)))
-        print(f"\nframes, {title}\n\n{FRAMES}")
-        print("\n".join(each.row(seed) for seed, each in enumerate(frames, 1)))
-        all_nees = nees_range([nees for each in frames for _, _, nees in each.errors.values()], 6)
-        print(f"\nmean NEES {all_nees.mean:.2f}; 99 % of right covariances: {all_nees.low:.2f} … {all_nees.high:.2f}")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+STUDY = Study(units, measure, tables, seeds=5)

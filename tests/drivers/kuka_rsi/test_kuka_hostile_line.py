@@ -8,14 +8,13 @@ import time
 from pathlib import Path
 from statistics import median
 
-from studies import load_study
-
 from cellctl.clock import WallClock
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.session import SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.robot.rsi_process import CyclicProcess
 from drivers.kuka_rsi.settings import RsiSettings
+from tests.studies import fuzz_telegrams
 
 HOME = (0.0,) * 6
 TEMPLATE = '<Sen><AK A1="{0:.6f}"/><Stop>{6:d}</Stop><IPOC>{7}</IPOC></Sen>'
@@ -24,7 +23,7 @@ ROUNDS = 60
 
 
 def test_garbled_telegrams_neither_end_the_process_nor_keep_it_from_answering(run):
-    counted = run(load_study("fuzz_telegrams").fuzz(3000))
+    counted = run(fuzz_telegrams.fuzz(3000))
     assert counted["malformed"] > 1000
     assert counted["stale"] > 0
     assert counted["beyond"] > 0

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import scipy.linalg
-from posing import PoseCell, Poses, comprehensive, poses_of
 from scipy.spatial.transform import Rotation
-from spherical_constraint import without_beta
-from statements import Figure, Numbers, Ordering, Paper, Section, numbers_under, under
-from world import Floats, PaperWorld
 
 from cellctl.calibration import FitResult, RobotModel, Tolerances
 from cellctl.compensation import METHODS, compensate
 from cellctl.kinematics._conversion import to_poe
 from sims.conditions import Payload
+from tests.studies.papers.posing import PoseCell, Poses, comprehensive, poses_of
+from tests.studies.papers.spherical_constraint import without_beta
+from tests.studies.papers.statements import Figure, Numbers, Ordering, Paper, Section, numbers_under, under
+from tests.studies.papers.world import Floats, PaperWorld
 
 CELL = Path(__file__).parents[3] / "procedures" / "papers" / "cells" / "tx60_pose_cell.yaml"
 FIT, HELD_OUT, TARGETS, PASSES = 50, 30, 20, 3

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kriging_numbers import CELL, PLAY, STIFF, TURNED, WARMER, WITHOUT, study
-from statements import Figure, Ordering, Paper, Section
+from tests.studies.papers.kriging_numbers import CELL, PLAY, STIFF, TURNED, WARMER, WITHOUT, study
+from tests.studies.papers.statements import Figure, Ordering, Paper, Section
 
 PREDICTION = (
     Figure("robot error, mean of the held-out poses, mm", "4.96", "nominal_mean", 2),

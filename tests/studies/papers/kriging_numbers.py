@@ -13,9 +13,6 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from positions import Arm, data_of, figures, fitted, identified
-from statements import Numbers, numbers_under
-from world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
 from cellctl.analysis.similarity import mantel
 from cellctl.compensation import compensate
@@ -26,6 +23,9 @@ from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging, ParticleFilter
 from cellctl.error_maps.perceptron import tuned_perceptron
 from cellctl.planning import JointRanges, Method, Reach, TargetOptions, TaskWorkspace, plan_targets
 from sims.conditions import REFERENCE_C, Payload
+from tests.studies.papers.positions import Arm, data_of, figures, fitted, identified
+from tests.studies.papers.statements import Numbers, numbers_under
+from tests.studies.papers.world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
 CELL = Path(__file__).parents[3] / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"
 ARM = Arm.of(CELL)

@@ -1,10 +1,8 @@
-"""Renders a paper's statements as Markdown tables, and puts them between the marks of a document."""
+"""Renders a paper's statements as Markdown tables."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from statements import Figure, Ordering, Outcome, Paper, Results, Section
+from tests.studies.papers.statements import Figure, Ordering, Outcome, Paper, Results, Section
 
 FIGURES = "| figure | paper | ours | note |\n|---|---|---|---|"
 ORDERINGS = (
@@ -17,16 +15,6 @@ def page_of(paper: Paper, results: Results) -> str:
     seeds = len(results.by_seed)
     head = f"Means of {seeds} simulated robots (seeds) with their 95 % confidence intervals."
     return "\n\n".join([head, *(_section(section, results) for section in paper.sections)])
-
-
-def write_into(document: Path, paper: Paper, text: str) -> None:
-    """Replace what is between the paper's marks. Raises RuntimeError where the document has none."""
-    begin, end = f"<!-- figures of {paper.tag} -->", f"<!-- end of figures of {paper.tag} -->"
-    before, first, rest = document.read_text(encoding="utf-8").partition(begin)
-    _, last, after = rest.partition(end)
-    if not (first and last):
-        raise RuntimeError(f"{document} has no place for the figures; add the lines {begin} and {end}")
-    document.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def _section(section: Section, results: Results) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from point_selection_numbers import CELL, RIGID, ROUGH, UNLOADED, WEIGHT, study
-from statements import Figure, Ordering, Paper, Section
+from tests.studies.papers.point_selection_numbers import CELL, RIGID, ROUGH, UNLOADED, WEIGHT, study
+from tests.studies.papers.statements import Figure, Ordering, Paper, Section
 
 WORLDS = (WEIGHT, UNLOADED)
 NETWORK = "paper_network_mean"

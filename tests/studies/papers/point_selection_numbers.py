@@ -15,9 +15,6 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
-from positions import Arm, data_of, figures, fitted, identified, least_squares
-from statements import Numbers, numbers_under
-from world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
 from cellctl.calibration import Postures
 from cellctl.error_maps.motor_flexibility import FlexibilityNetwork, MotorFlexibility
@@ -25,6 +22,9 @@ from cellctl.kinematics import SerialChain, pose, rotation_from_abc
 from cellctl.planning import Method, Reach, TargetOptions, TaskWorkspace, plan_targets
 from cellctl.planning._target_sets import along, near_path
 from sims.conditions import Payload
+from tests.studies.papers.positions import Arm, data_of, figures, fitted, identified, least_squares
+from tests.studies.papers.statements import Numbers, numbers_under
+from tests.studies.papers.world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
 CELL = Path(__file__).parents[3] / "procedures" / "papers" / "cells" / "flexible_arm_cell.yaml"
 ARM = Arm.of(CELL)

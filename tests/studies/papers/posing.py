@@ -8,7 +8,6 @@ from typing import Self, final
 
 import numpy as np
 import yaml
-from world import Floats, PaperWorld, Ways, plate_of, pose_of_plate
 
 from cellctl.calibration import FitResult, PoseRows, RobotModel, RowBlocks, Split, State, Task, fit
 from cellctl.files import load_yaml
@@ -19,6 +18,7 @@ from cellctl.procedure._cell_check import CellFiles
 from cellctl.robots import robot_file
 from procedures.steps.tracker.pose_planning import planned_rounds
 from sims.conditions import REFERENCE_C
+from tests.studies.papers.world import Floats, PaperWorld, Ways, plate_of, pose_of_plate
 
 ROTATION_LEVER_MM = 120.0
 """Rough size of the plate: σ of a turn is that of a point over it."""

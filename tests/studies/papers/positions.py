@@ -12,12 +12,12 @@ from typing import Self, final
 
 import numpy as np
 import yaml
-from world import Floats, Ways
 
 from cellctl.calibration import FitResult, RobotModel, Split, fit
 from cellctl.formats import DataSet, RobotFile, measurements
 from cellctl.kinematics import JointMap, Link, SerialChain, inverse, to_poe
 from cellctl.robots import robot_file
+from tests.studies.papers.world import Floats, Ways
 
 Numbers = dict[str, float]
 

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from statements import Figure, Numbers, Ordering, Paper, Section, numbers_under, under
-from table_errors import simulated
-from touching import TouchCell, Touched, touched, volumetric
 from volumetric import workspace_of
-from world import Floats, PaperWorld
 
 from cellctl.calibration import FitResult, Task, Tolerances
 from cellctl.kinematics import Link, LinkTable, SerialChain
 from cellctl.kinematics._conversion import to_poe
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from constraint_kinds import ANCHORS, ONE, PLANES, Rows, bars, measured, planes, sockets, spheres, wires
+from tests.studies.constraint_kinds import ANCHORS, ONE, PLANES, Rows, bars, measured, planes, sockets, spheres, wires
+from tests.studies.papers.statements import Figure, Numbers, Ordering, Paper, Section, numbers_under, under
+from tests.studies.papers.table_errors import simulated
+from tests.studies.papers.touching import TouchCell, Touched, touched, volumetric
+from tests.studies.papers.world import Floats, PaperWorld
 
 CELL = Path(__file__).parents[3] / "procedures" / "cells" / "single_sphere_cell.yaml"
 FIT, HELD_OUT, POSTURES = 50, 30, 256

@@ -6,11 +6,10 @@ another switch has the switch before it, `gear: 1/held_out_mean`.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias, final
+from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,6 @@ Numbers: TypeAlias = dict[str, float]
 
 Study: TypeAlias = Callable[[int], Numbers]
 """The numbers of one seed."""
-
-SIGNIFICANT = 6
 
 
 @final
@@ -139,19 +136,10 @@ class Results:
             holds=("yes" if difference.mean > 0.0 else "no") if decided else "not decided",
         )
 
-    def save(self, file: Path) -> None:
-        """As JSON, numbers to six digits."""
-        rounded = {
-            str(seed): {key: float(f"{number:.{SIGNIFICANT}g}") for key, number in sorted(numbers.items())}
-            for seed, numbers in sorted(self.by_seed.items())
-        }
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(rounded, indent=0) + "\n", encoding="utf-8")
-
     @classmethod
-    def load(cls, file: Path) -> Results:
-        """Raises OSError, ValueError."""
-        return cls({int(seed): numbers for seed, numbers in json.loads(file.read_text(encoding="utf-8")).items()})
+    def of(cls, rows: Iterable[Mapping[str, Any]], tag: str) -> Results:
+        """Those of a paper, from rows of all."""
+        return cls({row["seed"]: row["numbers"] for row in rows if row["paper"] == tag})
 
 
 def under(world: str, key: str) -> str:

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 from own_arm import OwnArm, kr5
 from own_campaigns import Campaign, nominal_of
-from statements import Numbers
-from world import Floats
 
 from cellctl.calibration import RowBlocks, Split, Task, ToolDeflection, TouchRows, fit
+from tests.studies.papers.statements import Numbers
+from tests.studies.papers.world import Floats
 
 CENTRE, RADIUS_MM = np.array([[1340.0, 240.0, 350.0]]), 30.0
 BENDING = 0.002

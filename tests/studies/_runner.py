@@ -1,0 +1,196 @@
+"""What the studies share: arguments, units of work in processes, a row of a file for each, and tables from the rows.
+
+A unit is one seed of one case. Its row is appended to `runs/studies/NAME.jsonl` when it is finished; a later call
+computes only the units whose row is not there. Rows do not tell from which version of the code they are: delete the
+file, and the folder of the same name if there is one, to compute all again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import os
+import pkgutil
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROWS = Path("runs", "studies")
+"""Rows of all studies, from the folder of the call."""
+
+KEPT = Path(__file__).parent / "kept"
+"""Rows that the repository keeps, from which a document's figures are."""
+
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "MKL", "OMP")}
+
+Row = dict[str, Any]
+
+
+class Table(NamedTuple):
+    """Text made from rows. mark: names its place in a document, between `<!-- mark` and `<!-- end of mark -->`."""
+
+    text: str
+    mark: str = ""
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study's module has as `STUDY`.
+
+    units: what is asked for, each the arguments of `measure`, a function of the module; this gives the other fields of
+    the row. tables: of the rows that are there, in the order of the units. seeds, first: how many unless stated, and
+    the first one; 0: the study has no seeds. options: more arguments. passed: False ends the call with code 1.
+    writes: its tables have a place in a document.
+    """
+
+    units: Callable[[argparse.Namespace], Iterable[Row]]
+    measure: Callable[..., Mapping[str, Any]]
+    tables: Callable[[list[Row], argparse.Namespace], Iterable[Table]]
+    seeds: int = 0
+    first: int = 1
+    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    passed: Callable[[list[Row]], bool] = lambda _: True
+    writes: bool = False
+
+    def asked(self, name: str, words: Sequence[str], description: str | None = None) -> argparse.Namespace:
+        """The arguments of the call; `seeds` is a range."""
+        parser = argparse.ArgumentParser(
+            f"python -m tests.studies {name}", None, description, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        if self.seeds:
+            parser.add_argument("--seeds", type=int, default=self.seeds, help=f"how many ({self.seeds})")
+            parser.add_argument("--first", type=int, default=self.first, help=f"first seed ({self.first})")
+        for option, settings in self.options.items():
+            parser.add_argument(option, **settings)
+        parser.add_argument("--processes", type=int, default=1, help="units at a time")
+        parser.add_argument("--kept", action="store_true", help="compute nothing: tables from the rows that are kept")
+        if self.writes:
+            parser.add_argument("--write", type=Path, metavar="FILE", help="document whose figures are replaced")
+        asked = parser.parse_args(words)
+        if self.seeds:
+            asked.seeds = range(asked.first, asked.first + asked.seeds)
+        return asked
+
+    def run(self, name: str, words: Sequence[str], description: str | None = None) -> int:
+        """Compute the rows that are not there, print and write the tables; the exit code."""
+        asked = self.asked(name, words, description)
+        units, file, kept = list(self.units(asked)), ROWS / f"{name}.jsonl", KEPT / f"{name}.jsonl"
+        source = kept if asked.kept and kept.exists() else file
+        rows = load(source)
+        missing = [unit for unit in units if not of_unit(unit, rows)]
+        _tell(f"{len(units) - len(missing)} of {len(units)} rows are in {source}")
+        if not asked.kept:
+            rows += self.computed(missing, file, asked.processes)
+        found = [row for unit in units if (row := of_unit(unit, rows))]
+        if not found:
+            _tell("no rows, no table")
+            return 1
+        for table in self.tables(found, asked):
+            print(f"## {table.title}\n\n{table.text}\n" if table.title else table.text)
+            if self.writes and asked.write:
+                write_into(asked.write, table)
+        if self.writes and asked.write and kept.exists() and not asked.kept:
+            keep(kept, units, found)
+        return 0 if self.passed(found) else 1
+
+    def computed(self, units: Sequence[Row], file: Path, processes: int) -> list[Row]:
+        """The rows of these units, appended to the file as they come."""
+        if not units:
+            return []
+        os.environ.update(ONE_THREAD)  # the workers import NumPy with this
+        file.parent.mkdir(parents=True, exist_ok=True)
+        waiting, running, found, began = [*reversed(units)], {}, [], time.perf_counter()
+        pool = ProcessPoolExecutor(min(processes, len(units)), get_context("spawn"))
+        with pool, file.open("a", encoding="utf-8") as target:
+            while waiting or running:
+                while waiting and len(running) < processes:  # none is queued, so that none is begun after an error
+                    unit = waiting.pop()
+                    running[pool.submit(_line, self.measure, unit)] = unit
+                for done in wait(running, return_when=FIRST_COMPLETED).done:
+                    target.write(done.result())
+                    target.flush()
+                    found.append(json.loads(done.result()))
+                    name = ", ".join(f"{key} {value}" for key, value in running.pop(done).items())
+                    _tell(f"{len(found)} of {len(units)}, {time.perf_counter() - began:.0f} s: {name}")
+        return found
+
+
+def _line(measure: Callable[..., Mapping[str, Any]], unit: Row) -> str:
+    return _json({**unit, **measure(**unit)})
+
+
+def _json(row: Row) -> str:
+    return json.dumps(row, default=lambda array: array.tolist(), ensure_ascii=False) + "\n"
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def load(file: Path) -> list[Row]:
+    """The rows of a file; a last line that was cut off when a call was killed is taken away."""
+    if not file.exists():
+        return []
+    whole, end, cut = file.read_text(encoding="utf-8").rpartition("\n")
+    if cut:
+        file.write_text(whole + end, encoding="utf-8")
+    return [json.loads(line) for line in whole.split("\n") if line]
+
+
+def of_unit(unit: Row, rows: Iterable[Row]) -> Row | None:
+    """The row of a unit."""
+    return next((row for row in rows if unit.items() <= row.items()), None)
+
+
+def keep(file: Path, units: Iterable[Row], rows: Iterable[Row]) -> None:
+    """Put rows in place of all that the file has of the same cases, whatever their seeds."""
+    cases = [{key: value for key, value in unit.items() if key != "seed"} for unit in units]
+    others = [row for row in load(file) if not any(case.items() <= row.items() for case in cases)]
+    file.write_text("".join(map(_json, [*others, *rows])), encoding="utf-8")
+
+
+def write_into(document: Path, table: Table) -> None:
+    """Replace what is between the marks of a table. Raises RuntimeError where the document has none."""
+    before, begin, rest = document.read_text(encoding="utf-8").partition(f"<!-- {table.mark}")
+    mark, _, _ = rest.partition("\n")
+    _, end, after = rest.partition(f"<!-- end of {table.mark} -->")
+    if not (begin and end):
+        marks = f"<!-- {table.mark} --> and <!-- end of {table.mark} -->"
+        raise RuntimeError(f"{document} has no place for the figures; add the lines {marks}")
+    document.write_text(f"{before}{begin}{mark}\n{table.text}\n{end}{after}", encoding="utf-8")
+
+
+def listed() -> dict[str, str]:
+    """Name of each study → what it is about."""
+    found = {}
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        if not module.name.startswith("_"):
+            source = Path(find_spec(f"tests.studies.{module.name}").origin).read_text(encoding="utf-8")
+            found[module.name] = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+    return found
+
+
+def main(words: Sequence[str]) -> int:
+    """The command line: a study by its name, or the list of all."""
+    studies = listed()
+    if not words or words[0] not in studies:
+        print(*(f"{name:22}{text}" for name, text in studies.items()), sep="\n")
+        return 2 if words and not words[0].startswith("-") else 0
+    name, *rest = words
+    module = import_module(f"tests.studies.{name}")
+    if not hasattr(module, "STUDY"):
+        return module.main(rest)
+    try:
+        return module.STUDY.run(name, rest, module.__doc__)
+    except KeyboardInterrupt:
+        _tell("interrupted: the same call goes on with the rows that are not there yet")
+        return 130
