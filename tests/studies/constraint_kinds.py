@@ -34,7 +34,7 @@ from cellctl.calibration import (
     sigma_among,
 )
 from cellctl.formats import RobotFile
-from tests.studies._runner import Row, Study, Table
+from tests.studies._runner import Row, Study, Table, each
 
 SIGMA_MM = 0.03
 BY_HAND_MM = 0.1
@@ -173,9 +173,7 @@ def measured(rows: Rows, places: Floats, certified: bool, count: int, seed: int,
 
 def units(asked: Namespace) -> Iterator[Row]:
     """Every robot by every constraint with every number of touches."""
-    for kind in KINDS:
-        for count in asked.touches:
-            yield from ({"constraint": kind, "touches": count, "seed": seed} for seed in asked.seeds)
+    return each(constraint=KINDS, touches=asked.touches, seed=asked.seeds)
 
 
 def measure(constraint: str, touches: int, seed: int) -> Mapping[str, float]:
@@ -212,12 +210,5 @@ def _interval(values: list[float]) -> str:
     return f"{np.mean(values):.3f} ± {half:.3f}"
 
 
-STUDY = Study(
-    units,
-    measure,
-    tables,
-    seeds=40,
-    first=0,
-    options={"--touches": {"type": int, "nargs": "+", "default": [50, 100]}},
-    writes=True,
-)
+TOUCHES = {"--touches": {"type": int, "nargs": "+", "default": [50, 100]}}
+STUDY = Study(units, measure, tables, seeds=40, first=0, options=TOUCHES, writes=True)

@@ -19,7 +19,7 @@ from pathlib import Path
 from cell_runs import ROOT, busy_machine
 
 from cellctl.journal import read_journal
-from tests.studies._runner import Row, Study, Table
+from tests.studies._runner import Row, Study, Table, each
 
 
 def hashes(procedure: Path, seed: int, folder: Path, environment: dict[str, str]) -> tuple[str, str]:
@@ -37,7 +37,7 @@ def _sha(data: bytes) -> str:
 
 def units(asked: Namespace) -> Iterator[Row]:
     """So many runs, each second one disturbed."""
-    return ({"procedure": str(asked.procedure), "of_seed": asked.seed, "run": n} for n in range(asked.runs))
+    return each(procedure=[str(asked.procedure)], of_seed=[asked.seed], run=range(asked.runs))
 
 
 def measure(procedure: str, of_seed: int, run: int) -> Row:
@@ -59,14 +59,9 @@ def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
     yield Table("\n".join([*lines, f"{len(found)} runs: {_different(found)} different"]))
 
 
-STUDY = Study(
-    units,
-    measure,
-    tables,
-    options={
-        "--runs": {"type": int, "default": 10},
-        "--seed": {"type": int, "default": 1},
-        "--procedure": {"type": Path, "default": ROOT / "procedures" / "sphere_selfcal.yaml"},
-    },
-    passed=lambda found: _different(found) == 1,
-)
+OPTIONS = {
+    "--runs": {"type": int, "default": 10},
+    "--seed": {"type": int, "default": 1},
+    "--procedure": {"type": Path, "default": ROOT / "procedures" / "sphere_selfcal.yaml"},
+}
+STUDY = Study(units, measure, tables, options=OPTIONS, passed=lambda found: _different(found) == 1)
