@@ -24,8 +24,7 @@ SIGNIFICANT = 6
 
 def paper_of(tag: str) -> Paper:
     """The study of a paper."""
-    found: Paper = import_module(f"tests.studies.papers.{MODULES[tag]}").PAPER
-    return found
+    return import_module(f"tests.studies.papers.{MODULES[tag]}").PAPER
 
 
 def measure(paper: str, seed: int) -> Row:
