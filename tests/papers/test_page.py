@@ -6,8 +6,7 @@ import pytest
 
 from tests.studies._runner import KEPT, load
 from tests.studies.papers import MODULES, paper_of
-from tests.studies.papers.page import page_of
-from tests.studies.papers.statements import Results
+from tests.studies.papers.statements import Results, page_of
 
 PAGE = Path(__file__).parents[2] / "docs" / "papers.md"
 ROWS = load(KEPT / "papers.jsonl")

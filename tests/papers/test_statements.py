@@ -2,8 +2,7 @@
 
 import pytest
 
-from tests.studies.papers.page import page_of
-from tests.studies.papers.statements import Figure, Interval, Ordering, Paper, Results, Section
+from tests.studies.papers.statements import Figure, Interval, Ordering, Paper, Results, Section, page_of
 
 
 def results(**by_key):

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.studies import _runner
-from tests.studies._runner import KEPT, Table, keep, listed, load, main, write_into
+from tests.studies._runner import KEPT, Table, keep, load, main, write_into
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "papers.md"
@@ -38,17 +37,20 @@ def tables(found, asked):
 
 STUDY = Study(units, measure, tables, seeds=5)
 """
+NAMES = [
+    *(path.stem for path in sorted((ROOT / "tests" / "studies").glob("*.py")) if not path.stem.startswith("_")),
+    "papers",
+]
 CALL = [sys.executable, "-c", "import sys, tiny; sys.exit(tiny.STUDY.run('tiny', sys.argv[1:]))"]
 
 
 def test_the_runner_lists_every_study_with_a_line():
-    files = {path.stem for path in (ROOT / "tests" / "studies").glob("*.py") if not path.stem.startswith("_")}
     done = subprocess.run([sys.executable, "-m", "tests.studies"], cwd=ROOT, capture_output=True, text=True, check=True)
     lines = [line.split(maxsplit=1) for line in done.stdout.splitlines()]
-    assert {name for name, _ in lines} == files | {"papers"}
+    assert {name: bool(text) for name, text in lines} == dict.fromkeys(NAMES, True)
 
 
-@pytest.mark.parametrize("name", listed())
+@pytest.mark.parametrize("name", NAMES)
 def test_a_study_has_distinct_units_that_it_can_measure_or_a_main_of_its_own(name):
     module = import_module(f"tests.studies.{name}")
     if not hasattr(module, "STUDY"):
@@ -135,4 +137,4 @@ def test_a_page_without_marks_is_refused(tmp_path):
 
 def test_an_unknown_study_is_answered_by_the_list(capsys):
     assert main(["nothing"]) == 2
-    assert len(capsys.readouterr().out.splitlines()) == len(_runner.listed())
+    assert len(capsys.readouterr().out.splitlines()) == len(NAMES)

@@ -7,18 +7,19 @@ file, and the folder of the same name if there is one, to compute all again.
 
 from __future__ import annotations
 
-import argparse
 import ast
 import json
 import os
 import pkgutil
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,6 +43,11 @@ class Table(NamedTuple):
     title: str = ""
 
 
+def each(**axes: Iterable[Any]) -> Iterator[Row]:
+    """A unit for each combination; the last axis changes first."""
+    return (dict(zip(axes, values, strict=True)) for values in product(*axes.values()))
+
+
 @dataclass(frozen=True)
 class Study:
     """What a study's module has as `STUDY`.
@@ -52,20 +58,19 @@ class Study:
     writes: its tables have a place in a document.
     """
 
-    units: Callable[[argparse.Namespace], Iterable[Row]]
+    units: Callable[[Namespace], Iterable[Row]]
     measure: Callable[..., Mapping[str, Any]]
-    tables: Callable[[list[Row], argparse.Namespace], Iterable[Table]]
+    tables: Callable[[list[Row], Namespace], Iterable[Table]]
     seeds: int = 0
     first: int = 1
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     passed: Callable[[list[Row]], bool] = lambda _: True
     writes: bool = False
 
-    def asked(self, name: str, words: Sequence[str], description: str | None = None) -> argparse.Namespace:
+    def asked(self, name: str, words: Sequence[str], description: str | None = None) -> Namespace:
         """The arguments of the call; `seeds` is a range."""
-        parser = argparse.ArgumentParser(
-            f"python -m tests.studies {name}", None, description, formatter_class=argparse.RawDescriptionHelpFormatter
-        )
+        parser = ArgumentParser(f"python -m tests.studies {name}", None, description)
+        parser.formatter_class = RawDescriptionHelpFormatter
         if self.seeds:
             parser.add_argument("--seeds", type=int, default=self.seeds, help=f"how many ({self.seeds})")
             parser.add_argument("--first", type=int, default=self.first, help=f"first seed ({self.first})")
@@ -88,7 +93,7 @@ class Study:
         rows = load(source)
         missing = [unit for unit in units if not of_unit(unit, rows)]
         _tell(f"{len(units) - len(missing)} of {len(units)} rows are in {source}")
-        if not asked.kept:
+        if missing and not asked.kept:
             rows += self.computed(missing, file, asked.processes)
         found = [row for unit in units if (row := of_unit(unit, rows))]
         if not found:
@@ -104,8 +109,6 @@ class Study:
 
     def computed(self, units: Sequence[Row], file: Path, processes: int) -> list[Row]:
         """The rows of these units, appended to the file as they come."""
-        if not units:
-            return []
         os.environ.update(ONE_THREAD)  # the workers import NumPy with this
         file.parent.mkdir(parents=True, exist_ok=True)
         waiting, running, found, began = [*reversed(units)], {}, [], time.perf_counter()
@@ -138,9 +141,7 @@ def _tell(text: str) -> None:
 
 def load(file: Path) -> list[Row]:
     """The rows of a file; a last line that was cut off when a call was killed is taken away."""
-    if not file.exists():
-        return []
-    whole, end, cut = file.read_text(encoding="utf-8").rpartition("\n")
+    whole, end, cut = file.read_text(encoding="utf-8").rpartition("\n") if file.exists() else ("", "", "")
     if cut:
         file.write_text(whole + end, encoding="utf-8")
     return [json.loads(line) for line in whole.split("\n") if line]
@@ -161,36 +162,27 @@ def keep(file: Path, units: Iterable[Row], rows: Iterable[Row]) -> None:
 def write_into(document: Path, table: Table) -> None:
     """Replace what is between the marks of a table. Raises RuntimeError where the document has none."""
     before, begin, rest = document.read_text(encoding="utf-8").partition(f"<!-- {table.mark}")
-    mark, _, _ = rest.partition("\n")
     _, end, after = rest.partition(f"<!-- end of {table.mark} -->")
     if not (begin and end):
         marks = f"<!-- {table.mark} --> and <!-- end of {table.mark} -->"
         raise RuntimeError(f"{document} has no place for the figures; add the lines {marks}")
+    mark = rest.partition("\n")[0]
     document.write_text(f"{before}{begin}{mark}\n{table.text}\n{end}{after}", encoding="utf-8")
-
-
-def listed() -> dict[str, str]:
-    """Name of each study → what it is about."""
-    found = {}
-    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
-        if not module.name.startswith("_"):
-            source = Path(find_spec(f"tests.studies.{module.name}").origin).read_text(encoding="utf-8")
-            found[module.name] = (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
-    return found
 
 
 def main(words: Sequence[str]) -> int:
     """The command line: a study by its name, or the list of all."""
-    studies = listed()
+    studies = [one.name for one in pkgutil.iter_modules([str(KEPT.parent)]) if not one.name.startswith("_")]
     if not words or words[0] not in studies:
-        print(*(f"{name:22}{text}" for name, text in studies.items()), sep="\n")
+        for name in studies:
+            source = Path(find_spec(f"tests.studies.{name}").origin).read_text(encoding="utf-8")
+            print(f"{name:22}{ast.get_docstring(ast.parse(source))}".partition("\n")[0])
         return 2 if words and not words[0].startswith("-") else 0
-    name, *rest = words
-    module = import_module(f"tests.studies.{name}")
+    module = import_module(f"tests.studies.{words[0]}")
     if not hasattr(module, "STUDY"):
-        return module.main(rest)
+        return module.main(words[1:])
     try:
-        return module.STUDY.run(name, rest, module.__doc__)
+        return module.STUDY.run(words[0], words[1:], module.__doc__)
     except KeyboardInterrupt:
         _tell("interrupted: the same call goes on with the rows that are not there yet")
         return 130

@@ -19,7 +19,7 @@ from verified_targets import HEAVY_CELL, MOST_MM, OVER_FLOOR, Verified, calibrat
 
 from cellctl.compensation import METHODS
 from cellctl.kinematics import Floats
-from tests.studies._runner import ROWS, Row, Study, Table
+from tests.studies._runner import ROWS, Row, Study, Table, each
 
 HEAD = (
     "| seed | method | passes | targets | mean / RMS / max before → after, mm | floor, RMS | ratio to the floor (95 %) "
@@ -56,16 +56,15 @@ class Case:
 
 
 def figures(errors: Floats) -> str:
-    """Mean / RMS / max of lengths, mm."""
-    return f"{errors.mean():.3f} / {np.sqrt(np.mean(errors**2)):.3f} / {errors.max():.3f}"
+    """Mean/RMS/max of lengths, mm."""
+    return f"{errors.mean():.3f}/{np.sqrt(np.mean(errors**2)):.3f}/{errors.max():.3f}"
 
 
 def units(asked: Namespace) -> Iterator[Row]:
     """Every method of every seed, iterated, then by one pass; seeds side by side, as each begins with a calibration."""
-    for passes in (0, 1):
-        for method in asked.methods:
-            if not (passes and METHODS[method].write_back):
-                yield from ({"seed": seed, "method": method, "passes": passes} for seed in asked.seeds)
+    for unit in each(passes=(0, 1), method=asked.methods, seed=asked.seeds):
+        if not (unit["passes"] and METHODS[unit["method"]].write_back):
+            yield unit
 
 
 def measure(seed: int, method: str, passes: int) -> Mapping[str, object]:
@@ -96,10 +95,5 @@ def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
     yield Table("\n".join([HEAD, *(case.row(one) for case, one in {**runs, **pooled(runs)}.items())]))
 
 
-STUDY = Study(
-    units,
-    measure,
-    tables,
-    seeds=3,
-    options={"--methods": {"nargs": "+", "choices": list(METHODS), "default": list(METHODS)}},
-)
+NAMES = {"--methods": {"nargs": "+", "choices": list(METHODS), "default": list(METHODS)}}
+STUDY = Study(units, measure, tables, seeds=3, options=NAMES)

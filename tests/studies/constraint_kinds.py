@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import TypeVar
 
@@ -34,7 +34,7 @@ from cellctl.calibration import (
     sigma_among,
 )
 from cellctl.formats import RobotFile
-from tests.studies._runner import Row, Study, Table
+from tests.studies._runner import Row, Study, Table, each
 
 SIGMA_MM = 0.03
 BY_HAND_MM = 0.1
@@ -144,17 +144,11 @@ KINDS: Mapping[str, tuple[Rows, Floats, bool]] = {
 }
 
 
-@dataclass(frozen=True)
-class Figures:
-    """One robot: volumetric RMS before and after, and 1 σ of the latter as the fit states it, mm."""
+def measured(rows: Rows, places: Floats, certified: bool, count: int, seed: int, asked: Floats) -> dict[str, float]:
+    """Identify the robot of `seed` from `count` rows; judge it at angles `asked` (M, 6), rad.
 
-    before: float
-    after: float
-    stated: float
-
-
-def measured(rows: Rows, places: Floats, certified: bool, count: int, seed: int, asked: Floats) -> Figures:
-    """Identify the robot of `seed` from `count` rows; judge it at angles `asked` (M, 6), rad."""
+    Volumetric RMS before and after, and 1 σ of the latter as the fit states it, mm.
+    """
     campaign = Campaign.of(seed)
     campaign = replace(campaign, truth=replace(campaign.truth, base=np.eye(4)))
     nominal, blocks = nominal_of(campaign.nominal), RowBlocks.of(rows(campaign, count, places))
@@ -164,23 +158,21 @@ def measured(rows: Rows, places: Floats, certified: bool, count: int, seed: int,
     task = Task(nominal, blocks, names, np.full((points, 3), np.nan), spacing)
     found = identify(task).identified
     model, robot, true = found.state.model, found.unknowns.robot, campaign.truth.points(asked)
-    return Figures(
-        before=body_error(nominal.tcp(asked), true),
-        after=body_error(model.tcp(asked), true),
-        stated=sigma_among(model, found.covariance[:robot, :robot], asked),
-    )
+    return {
+        "before": body_error(nominal.tcp(asked), true),
+        "after": body_error(model.tcp(asked), true),
+        "stated": sigma_among(model, found.covariance[:robot, :robot], asked),
+    }
 
 
 def units(asked: Namespace) -> Iterator[Row]:
     """Every robot by every constraint with every number of touches."""
-    for kind in KINDS:
-        for count in asked.touches:
-            yield from ({"constraint": kind, "touches": count, "seed": seed} for seed in asked.seeds)
+    return each(constraint=KINDS, touches=asked.touches, seed=asked.seeds)
 
 
-def measure(constraint: str, touches: int, seed: int) -> Mapping[str, float]:
+def measure(constraint: str, touches: int, seed: int) -> Row:
     """The figures of one robot."""
-    return vars(measured(*KINDS[constraint], touches, seed, _everywhere()))
+    return measured(*KINDS[constraint], touches, seed, _everywhere())
 
 
 @cache
@@ -212,12 +204,5 @@ def _interval(values: list[float]) -> str:
     return f"{np.mean(values):.3f} ± {half:.3f}"
 
 
-STUDY = Study(
-    units,
-    measure,
-    tables,
-    seeds=40,
-    first=0,
-    options={"--touches": {"type": int, "nargs": "+", "default": [50, 100]}},
-    writes=True,
-)
+TOUCHES = {"--touches": {"type": int, "nargs": "+", "default": [50, 100]}}
+STUDY = Study(units, measure, tables, seeds=40, first=0, options=TOUCHES, writes=True)

@@ -22,7 +22,7 @@ from misjudged import MISJUDGED
 from own_effects import JointErrors
 from simulated_setups import OUTSIDE, SETUPS
 
-from tests.studies._runner import Row, Study, Table
+from tests.studies._runner import Row, Study, Table, each
 
 TURNS = {"one": [UPRIGHT], "two, 40° apart": [UPRIGHT, TILTED]}
 CASES = {"prior": [""], "outside": [*OUTSIDE], "orientations": [*TURNS], "wrong": [*MISJUDGED], "lacks": [""]}
@@ -37,10 +37,9 @@ def units(asked: Namespace) -> Iterator[Row]:
     """Every seed of every case and set-up of the asked tables."""
     fewer = range(asked.first, asked.first + max(len(asked.seeds) // FEWER, 2))
     for table in asked.only or CASES:
-        for case in CASES[table]:
-            for setup in [""] if table == "orientations" else SETUPS:
-                seeds = asked.seeds if table in ("prior", "lacks") else fewer
-                yield from ({"table": table, "case": case, "setup": setup, "seed": seed} for seed in seeds)
+        setups = [""] if table == "orientations" else SETUPS
+        seeds = asked.seeds if table in ("prior", "lacks") else fewer
+        yield from each(table=[table], case=CASES[table], setup=setups, seed=seeds)
 
 
 def measure(table: str, case: str, setup: str, seed: int) -> Row:
@@ -58,13 +57,9 @@ def measure(table: str, case: str, setup: str, seed: int) -> Row:
     return vars(honesty(drawn, compared=compared))
 
 
-Cases = dict[tuple[str, str], list[Honesty]]
-"""Case and set-up → the figures of its draws."""
-
-
-def cases(found: list[Row], table: str) -> Cases:
-    """Those of a table."""
-    cases: Cases = {}
+def cases(found: list[Row], table: str) -> dict[tuple[str, str], list[Honesty]]:
+    """Case and set-up → the figures of its draws, of one table."""
+    cases: dict[tuple[str, str], list[Honesty]] = {}
     for row in found:
         if row["table"] == table:
             one = Honesty(**{each.name: row[each.name] for each in fields(Honesty)})
@@ -236,13 +231,5 @@ def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
     yield Table("\n\n".join(texts), MARK)
 
 
-STUDY = Study(
-    units,
-    measure,
-    tables,
-    seeds=200,
-    first=0,
-    options={"--only": {"choices": PARTS, "action": "append", "help": "one table; may be given again"}},
-    passed=as_promised,
-    writes=True,
-)
+ONLY = {"--only": {"choices": PARTS, "action": "append", "help": "one table; may be given again"}}
+STUDY = Study(units, measure, tables, seeds=200, first=0, options=ONLY, passed=as_promised, writes=True)

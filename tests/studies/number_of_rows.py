@@ -23,7 +23,7 @@ from cell_runs import CELL, ROOT, cellctl
 from volumetric import volumetric_errors
 
 from cellctl.formats import ModelFile
-from tests.studies._runner import Row, Study, Table
+from tests.studies._runner import Row, Study, Table, each
 
 JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
 MEASURED = [f"measurement_{name}" for name in ("x", "y", "z", "temperature")]
@@ -36,12 +36,12 @@ Line = Sequence[str]
 
 def units(asked: Namespace) -> Iterator[Row]:
     """Each fit of the UR10, and each robot of the KR5."""
-    ur10 = {"robot": "UR10", "public": str(asked.public)}
+    ur10 = {"robot": ["UR10"], "public": [str(asked.public)]}
     for seed in range(1, asked.draws + 1):
-        for near, counts in ((False, (10, 20, 40, 80, 160, 320)), (True, (40, 160))):
-            yield from ({**ur10, "poses": count, "near": near, "seed": seed} for count in counts)
-    yield {**ur10, "poses": 800, "near": False, "seed": 0}
-    yield from ({"robot": "KR5", "seed": seed} for seed in asked.seeds)
+        yield from each(**ur10, poses=(10, 20, 40, 80, 160, 320), near=[False], seed=[seed])
+        yield from each(**ur10, poses=(40, 160), near=[True], seed=[seed])
+    yield from each(**ur10, poses=[800], near=[False], seed=[0])
+    yield from each(robot=["KR5"], seed=asked.seeds)
 
 
 def measure(robot: str, seed: int, public: str = "", poses: int = 0, near: bool = False) -> Row:
@@ -122,13 +122,8 @@ def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
             yield Table(f"{title} mean {fit['mean']:.3f}, {predicted} {fit['verdict']}")
 
 
-STUDY = Study(
-    units,
-    measure,
-    tables,
-    seeds=3,
-    options={
-        "--draws": {"type": int, "default": 5, "help": "of the UR10's rows; the seeds are simulated KR5 (5)"},
-        "--public": {"type": Path, "default": ROOT.parent / "shared" / "data", "help": "folder of public data"},
-    },
-)
+OPTIONS = {
+    "--draws": {"type": int, "default": 5, "help": "of the UR10's rows; the seeds are simulated KR5 (5)"},
+    "--public": {"type": Path, "default": ROOT.parent / "shared" / "data", "help": "folder of public data"},
+}
+STUDY = Study(units, measure, tables, seeds=3, options=OPTIONS)

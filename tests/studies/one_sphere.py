@@ -18,7 +18,7 @@ from cell_runs import CELL, ROOT, cellctl
 from volumetric import volumetric_errors
 
 from cellctl.formats import ModelFile
-from tests.studies._runner import Row, Study, Table
+from tests.studies._runner import Row, Study, Table, each
 
 PROCEDURES = {
     "one sphere": ("sphere_single", CELL.parent / "single_sphere_cell.yaml"),
@@ -29,11 +29,6 @@ HEAD = (
     "| volumetric RMS, identified (mm) | its maximum |",
     "|---|---|---|---|---|---|",
 )
-
-
-def units(asked: Namespace) -> Iterator[Row]:
-    """Every set-up on every robot."""
-    return ({"seed": seed, "setup": setup} for seed in asked.seeds for setup in PROCEDURES)
 
 
 def measure(seed: int, setup: str) -> Row:
@@ -69,4 +64,4 @@ def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
     yield Table("\n".join([*HEAD, *lines]), "one-sphere figures")
 
 
-STUDY = Study(units, measure, tables, seeds=5, writes=True)
+STUDY = Study(lambda asked: each(seed=asked.seeds, setup=PROCEDURES), measure, tables, seeds=5, writes=True)

@@ -32,7 +32,7 @@ from cellctl.calibration import (
 )
 from cellctl.calibration.verdict.heldout import held_out_rows
 from cellctl.formats import RobotFile
-from tests.studies._runner import Row, Study, Table
+from tests.studies._runner import Row, Study, Table, each
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "ur10.yaml"
 FIT, PREDICTED = 800, 1500
@@ -120,11 +120,6 @@ HEAD = (
 )
 
 
-def units(asked: Namespace) -> Iterator[Row]:
-    """Every draw of every split."""
-    return ({"case": case, "seed": seed} for case in asked.splits for seed in asked.seeds)
-
-
 def measure(case: str, seed: int) -> Row:
     """The figures of one draw."""
     (q, xyz), joint = measured(), int(case[1]) - 1
@@ -140,11 +135,7 @@ def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
     yield Table("\n".join([HEAD, *lines]))
 
 
+SPLITS = {"--splits": {"nargs": "+", "default": ["A1", "A2", "A3", "A1r", "A2r", "A3r"]}}
 STUDY = Study(
-    units,
-    measure,
-    tables,
-    seeds=20,
-    first=0,
-    options={"--splits": {"nargs": "+", "default": ["A1", "A2", "A3", "A1r", "A2r", "A3r"]}},
+    lambda asked: each(case=asked.splits, seed=asked.seeds), measure, tables, seeds=20, first=0, options=SPLITS
 )

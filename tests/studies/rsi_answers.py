@@ -289,11 +289,8 @@ def _large_model() -> tuple[float, ...]:
 
 def main(words: Sequence[str]) -> None:
     """Both comparisons."""
-    parser = argparse.ArgumentParser(
-        "python -m tests.studies rsi_answers",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = argparse.ArgumentParser("python -m tests.studies rsi_answers", None, __doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--cycle", choices=sorted(CYCLES_MS), default="ipo_fast")
     parser.add_argument("--online", action="store_true", help="ours corrects a program of the controller by a model")

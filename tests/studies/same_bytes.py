@@ -16,57 +16,43 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
-from cell_runs import ROOT, busy_machine
+from cell_runs import ROOT, busy_machine, only_run
 
 from cellctl.journal import read_journal
-from tests.studies._runner import Row, Study, Table
-
-
-def hashes(procedure: Path, seed: int, folder: Path, environment: dict[str, str]) -> tuple[str, str]:
-    """Run the campaign; SHA-256 of its data set, and of the times in its journal (tables are named after their run)."""
-    command = [sys.executable, "-m", "cellctl", "run", str(procedure), "--seed", str(seed), "--runs", str(folder)]
-    subprocess.run(command, env={**os.environ, **environment}, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-    run = next(folder.glob("*/journal.sqlite")).parent
-    times = "\n".join(f"{entry.time_ns} {type(entry.event).__name__}" for entry in read_journal(run))
-    return _sha((run / "dataset.csv").read_bytes()), _sha(times.encode())
-
-
-def _sha(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
+from tests.studies._runner import Row, Study, Table, each
 
 
 def units(asked: Namespace) -> Iterator[Row]:
     """So many runs, each second one disturbed."""
-    return ({"procedure": str(asked.procedure), "of_seed": asked.seed, "run": n} for n in range(asked.runs))
+    return each(procedure=[str(asked.procedure)], of_seed=[asked.seed], run=range(asked.runs))
 
 
 def measure(procedure: str, of_seed: int, run: int) -> Row:
-    """The hashes of a run."""
+    """SHA-256 of the run's data set, and of the times in its journal (tables are named after their run)."""
     disturbed = run % 2 == 1
     environment = {"PYTHONPATH": str(ROOT / "tests" / "helpers" / "slow_wires")} if disturbed else {}
     with tempfile.TemporaryDirectory() as folder, busy_machine() if disturbed else nullcontext():
-        dataset, times = hashes(Path(procedure), of_seed, Path(folder), environment)
-    return {"beside": "busy machine, slow wires" if disturbed else "nothing beside it", "data": dataset, "times": times}
+        command = [sys.executable, "-m", "cellctl", "run", procedure, "--seed", str(of_seed), "--runs", folder]
+        subprocess.run(command, env={**os.environ, **environment}, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
+        found = only_run(Path(folder))
+        times = "\n".join(f"{entry.time_ns} {type(entry.event).__name__}" for entry in read_journal(found))
+        hashes = [hashlib.sha256(part).hexdigest() for part in ((found / "dataset.csv").read_bytes(), times.encode())]
+    return {"beside": "busy machine, slow wires" if disturbed else "nothing beside it", "hashes": hashes}
 
 
 def _different(found: list[Row]) -> int:
-    return len({(row["data"], row["times"]) for row in found})
+    return len({tuple(row["hashes"]) for row in found})
 
 
 def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
     """The hashes of each run."""
-    lines = [f"{row['beside']:26} {row['data']} {row['times']}" for row in found]
+    lines = [f"{row['beside']:26} {' '.join(row['hashes'])}" for row in found]
     yield Table("\n".join([*lines, f"{len(found)} runs: {_different(found)} different"]))
 
 
-STUDY = Study(
-    units,
-    measure,
-    tables,
-    options={
-        "--runs": {"type": int, "default": 10},
-        "--seed": {"type": int, "default": 1},
-        "--procedure": {"type": Path, "default": ROOT / "procedures" / "sphere_selfcal.yaml"},
-    },
-    passed=lambda found: _different(found) == 1,
-)
+OPTIONS = {
+    "--runs": {"type": int, "default": 10},
+    "--seed": {"type": int, "default": 1},
+    "--procedure": {"type": Path, "default": ROOT / "procedures" / "sphere_selfcal.yaml"},
+}
+STUDY = Study(units, measure, tables, options=OPTIONS, passed=lambda found: _different(found) == 1)

@@ -18,11 +18,11 @@ from tracker_runs import CELL, cell_of
 from tracker_truth import FLEXIBLE, Truth, found_frames, frame_errors, held_out, true_frames
 
 from cellctl.journal import fold, read_journal
-from cellctl.kinematics import Floats
 from cellctl.metrology.error_figures import floor_ratio
 from cellctl.metrology.measured_pose import nees_range
 from procedures.steps.tracker.rows import TrackerVerdict
-from tests.studies._runner import ROWS, Row, Study, Table
+from tests.studies._runner import ROWS, Row, Study, Table, each
+from tests.studies.compensation_methods import figures
 
 EFFECTS = "{compliance: 1, gear: 1, backlash: 1, expansion: 1, warm_up: 1, air: 1, station_drift: 1}"
 CELLS = {"geometric robots": "", "robots with every effect": f"  errors: {EFFECTS}\n"}
@@ -35,11 +35,6 @@ HEAD = (
     "|---|---|---|---|---|---|---|"
 )
 FRAMES = "| seed | {B}: off by mm, ° | NEES | {T}: off by mm, ° | NEES |\n|---|---|---|---|---|"
-
-
-def units(asked: Namespace) -> Iterator[Row]:
-    """Each robot with both kinds of errors."""
-    return ({"robots": robots, "seed": seed} for robots in CELLS for seed in asked.seeds)
 
 
 def measure(robots: str, seed: int) -> Row:
@@ -98,9 +93,4 @@ def frames_line(row: Row) -> str:
     return f"| {row['seed']} | {cells} |"
 
 
-def figures(errors: Floats) -> str:
-    """Mean/RMS/max of lengths, mm."""
-    return f"{errors.mean():.3f}/{np.sqrt(np.mean(errors**2)):.3f}/{errors.max():.3f}"
-
-
-STUDY = Study(units, measure, tables, seeds=5)
+STUDY = Study(lambda asked: each(robots=CELLS, seed=asked.seeds), measure, tables, seeds=5)

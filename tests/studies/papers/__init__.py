@@ -8,9 +8,8 @@ from argparse import Namespace
 from collections.abc import Iterator
 from importlib import import_module
 
-from tests.studies._runner import Row, Study, Table
-from tests.studies.papers.page import page_of
-from tests.studies.papers.statements import Paper, Results
+from tests.studies._runner import Row, Study, Table, each
+from tests.studies.papers.statements import Paper, Results, page_of
 
 MODULES = {
     "sph": "spherical_constraint",
@@ -25,13 +24,7 @@ SIGNIFICANT = 6
 
 def paper_of(tag: str) -> Paper:
     """The study of a paper."""
-    found: Paper = import_module(f"tests.studies.papers.{MODULES[tag]}").PAPER
-    return found
-
-
-def units(asked: Namespace) -> Iterator[Row]:
-    """Every robot of every paper."""
-    return ({"paper": tag, "seed": seed} for tag in asked.papers for seed in asked.seeds)
+    return import_module(f"tests.studies.papers.{MODULES[tag]}").PAPER
 
 
 def measure(paper: str, seed: int) -> Row:
@@ -47,11 +40,7 @@ def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
             yield Table(page_of(paper_of(tag), results), f"figures of {tag}", paper_of(tag).title)
 
 
+TAGS = {"--papers": {"nargs": "+", "choices": MODULES, "default": list(MODULES)}}
 STUDY = Study(
-    units,
-    measure,
-    tables,
-    seeds=10,
-    options={"--papers": {"nargs": "+", "choices": MODULES, "default": list(MODULES)}},
-    writes=True,
+    lambda asked: each(paper=asked.papers, seed=asked.seeds), measure, tables, seeds=10, options=TAGS, writes=True
 )

@@ -1,9 +1,225 @@
-"""KRG: Meng et al. 2024, doi 10.3390/app142411682: its statements on simulated robots."""
+"""KRG: kriging of position errors in configuration space (Meng et al. 2024, doi 10.3390/app142411682).
+
+A KR300 class robot with 120 kg, one reflector, 160 poses of its task workspace and 80 held-out ones; 40 more for the
+joint weights. All methods get the same measured errors, actual − nominal, in the robot's base frame.
+"""
 
 from __future__ import annotations
 
-from tests.studies.papers.kriging_numbers import CELL, PLAY, STIFF, TURNED, WARMER, WITHOUT, study
-from tests.studies.papers.statements import Figure, Ordering, Paper, Section
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellctl.analysis.similarity import mantel
+from cellctl.compensation import compensate
+from cellctl.error_maps import ErrorMap
+from cellctl.error_maps.field import AnisotropicField
+from cellctl.error_maps.inverse_distance import tuned_grid
+from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging, ParticleFilter
+from cellctl.error_maps.perceptron import tuned_perceptron
+from cellctl.planning import JointRanges, Method, TaskWorkspace
+from sims.conditions import REFERENCE_C, Payload
+from tests.studies.papers.positions import Arm, data_of, figures, fitted, identified
+from tests.studies.papers.statements import Figure, Numbers, Ordering, Paper, Section, numbers_under
+from tests.studies.papers.world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
+
+CELL = Path(__file__).parents[3] / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"
+ARM = Arm.of(CELL)
+
+FIT, WEIGHTS, TEST = 160, 40, 80
+"""Rows of the maps and fits, of the test set of the particle filter, and held-out rows that are reported."""
+
+WORKSPACE = TaskWorkspace.of([(1600, 2400), (-400, 800), (-400, 400), (85, 95), (75, 105), (60, 120)])
+NEAR = np.array([0.0, -60.0, 90.0, 0.0, 60.0, 0.0])
+SIMILAR = 50
+FIXED = TaskWorkspace.of([(1400, 2400), (-500, 500), (-250, 250), (90, 90), (90, 90), (90, 90)])
+VARIED = JointRanges(np.array([-5.0, -95, 85, -5, 85, -5]), np.array([5.0, -85, 95, 5, 95, 5]))
+"""Sets of 50 poses: 1 × 1 × 0.5 m with constant orientation, and joints in a box of ± 5°."""
+
+PUBLISHED_WEIGHTS = np.array(
+    [
+        [0.985, 0.619, 1.157, 1.068, 1.216, 0.686],
+        [0.954, 1.183, 0.700, 0.667, 0.688, 1.015],
+        [0.813, 0.349, 1.542, 0.476, 1.218, 0.353],
+    ]
+)
+"""The paper's optimum; for its own robot."""
+
+SIGMA_MM = 0.03 / np.sqrt(3.0)
+UNLOADED = Payload(0.0)
+PERMUTATIONS = 199
+
+WITHOUT: dict[str, Mapping[str, float]] = {
+    "compliance: 0": {"compliance": 0.0},
+    "gear: 0": {"gear": 0.0},
+    "geometry, joint_zero: 0": {"geometry": 0.0, "joint_zero": 0.0},
+}
+WARMER, WARMER_C = "expansion: 1, the links 3 K warmer when compensated", REFERENCE_C + 3.0
+PLAY, TURNED, STIFF = "backlash: 1", "turned by ± 30°", "turned by ± 30°, compliance: 0"
+TURNED_POSES = TaskWorkspace.of([(1500, 2300), (-400, 400), (-250, 250), (60, 120), (60, 120), (60, 120)])
+"""Positions as in `FIXED`, orientations as varied as in the task."""
+
+Predictor = Callable[[Floats], Floats]
+"""Predicted errors (N, 3), mm, at readings (N, n), deg."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Measured rows: readings (N, n), deg; ways (N, n): of the last motion; places (N, 3), mm."""
+
+    readings: Floats
+    ways: Ways
+    places: Floats
+
+    @classmethod
+    def measured(cls, world: PaperWorld, readings: Floats, name: str, temperature_c: float = REFERENCE_C) -> Rows:
+        """On a tour in this order, the links at this temperature."""
+        ways = ways_of(readings)
+        true = world.reflectors(world.flanges(readings, ways, temperature_c))[:, 0] + world.scatter(readings)
+        return cls(readings, ways, true + world.noise(true, name))
+
+    def pick(self, which: NDArray[np.int_]) -> Rows:
+        """Some of them."""
+        return Rows(self.readings[which], self.ways[which], self.places[which])
+
+    @property
+    def q(self) -> Floats:
+        """Model angles (N, n), rad."""
+        return np.asarray(ARM.joints.model(self.readings))
+
+    @property
+    def nominal(self) -> Floats:
+        """Where the nominal robot would be (N, 3)."""
+        return ARM.places(self.readings)
+
+    @property
+    def errors(self) -> Floats:
+        """Actual − nominal (N, 3)."""
+        return self.places - self.nominal
+
+
+def study(seed: int) -> Numbers:
+    """All numbers of one robot."""
+    found = in_world(seed) | similarity(seed)
+    found |= numbers_under(PLAY, in_world(seed, {"backlash": 1.0}, baselines=False))
+    for switch, errors in WITHOUT.items():
+        fit, _, test = measured_parts(PaperWorld.of(CELL, seed, errors))
+        found |= numbers_under(switch, judged(weighted(fit), test))
+    found |= numbers_under(TURNED, similarity(seed, varied=TURNED_POSES))
+    return found | numbers_under(STIFF, similarity(seed, {"compliance": 0.0}, varied=TURNED_POSES))
+
+
+def in_world(seed: int, switches: Mapping[str, float] = AS_IN_CELL, *, baselines: bool = True) -> Numbers:
+    """Prediction and compensation, by every method; without the baselines by the paper's and ours."""
+    world = PaperWorld.of(CELL, seed, switches)
+    fit, weights, test = measured_parts(world)
+    true = world.reflectors(world.flanges(test.readings))[:, 0]
+    found = figures("nominal", test.errors) | figures("floor", test.places - true)
+    filtered = ParticleFilter(INITIAL_WEIGHTS, seed=seed).weights(fit.q, fit.errors, weights.q, weights.errors)
+    predictors = {"filtered": by_joints(Kriging(filtered).fit(fit.q, fit.errors)), "ours": by_fit(fit, "auto")}
+    predictors |= other_predictors(seed, fit) if baselines else {}
+    found |= judged(predictors, test)
+    found["ours_ratio"] = found["ours_rms"] / found["floor_rms"]
+    warmer = PaperWorld.of(CELL, seed, {**switches, "expansion": 1.0})
+    for name in ("filtered", "ours"):
+        found |= figures(f"{name}_compensated", compensated(world, predictors[name], test, name))
+        again = compensated(warmer, predictors[name], test, name, WARMER_C)
+        found |= numbers_under(WARMER, figures(f"{name}_compensated", again))
+        found[f"{WARMER}/{name}_max"] = found[f"{name}_max"]
+    return found
+
+
+def measured_parts(world: PaperWorld) -> tuple[Rows, Rows, Rows]:
+    """Rows of the maps, of the particle filter's test set, and held-out rows, measured on one tour in random order."""
+    readings = drawn(WORKSPACE, "joint-uniform", FIT, WEIGHTS + TEST, world.seed)
+    order = world.draws("tour").permutation(len(readings))
+    rows, back = Rows.measured(world, readings[order], "rows"), np.argsort(order)
+    return rows.pick(back[:FIT]), rows.pick(back[FIT : FIT + WEIGHTS]), rows.pick(back[-TEST:])
+
+
+def judged(predictors: Mapping[str, Predictor], test: Rows) -> Numbers:
+    """Figures of each on held-out rows."""
+    found: Numbers = {}
+    for name, predicted in predictors.items():
+        found |= figures(name, predicted(test.readings) - test.errors)
+    return found
+
+
+def weighted(fit: Rows) -> dict[str, Predictor]:
+    """The paper's kriging with joint weights that are not searched."""
+    weights = {"isotropic": np.ones((3, 6)), "initial": INITIAL_WEIGHTS, "published": PUBLISHED_WEIGHTS}
+    return {name: by_joints(Kriging(each).fit(fit.q, fit.errors)) for name, each in weights.items()}
+
+
+def other_predictors(seed: int, fit: Rows) -> dict[str, Predictor]:
+    """The paper's kriging with other weights, its baselines, and parts of ours."""
+    found = weighted(fit) | {
+        "field": by_joints(AnisotropicField().fit(fit.q, fit.errors)),
+        "cartesian": by_places(Kriging().fit(fit.nominal, fit.errors)),
+        "perceptron": by_places(tuned_perceptron(seed=seed).fit(fit.nominal, fit.errors)),
+        "grid": by_places(tuned_grid(fit.nominal, seed=seed).fit(fit.nominal, fit.errors)),
+    }
+    return found | {"geometry": by_fit(fit, "geometry"), "compliance": by_fit(fit, "geometry+compliance")}
+
+
+def by_joints(found: ErrorMap) -> Predictor:
+    """Of a map over the joints."""
+    return lambda readings: found.errors(ARM.joints.model(readings))
+
+
+def by_places(found: ErrorMap) -> Predictor:
+    """Of a map over the nominal positions."""
+    return lambda readings: found.errors(ARM.places(readings))
+
+
+def by_fit(fit: Rows, model: str) -> Predictor:
+    """Of the ordinary fit with this model."""
+    robot = identified(fitted(ARM, data_of(fit.readings, fit.places, 0, SIGMA_MM), model))
+    return lambda readings: np.asarray(robot.pose(ARM.joints.model(readings))[:, :3, 3] - ARM.places(readings))
+
+
+def compensated(
+    world: PaperWorld, predicted: Predictor, test: Rows, name: str, temperature_c: float = REFERENCE_C
+) -> Floats:
+    """Errors (N, 3) at the held-out poses, visited again in another order with compensated joints."""
+    targets = ARM.chain.forward(test.q)
+
+    def errors(q: Floats) -> Floats:
+        return predicted(ARM.joints.readings(q))
+
+    found = compensate(ARM.chain, errors, targets, test.q, method="cyclic-search", tolerance_mm=1e-3)
+    order = world.draws("tour back").permutation(len(test.readings))
+    again = Rows.measured(world, ARM.joints.readings(found.compensated_q)[order], f"compensated {name}", temperature_c)
+    return again.places - targets[order, :3, 3]
+
+
+def similarity(
+    seed: int, switches: Mapping[str, float] = AS_IN_CELL, varied: TaskWorkspace | JointRanges = VARIED
+) -> Numbers:
+    """Correlation of the distance of errors with that of joints, and of positions, in the paper's four sets, with p of
+    a Mantel test. varied: region of the sets with varied orientation.
+    """
+    found = {}
+    for load, payload in (("unloaded", UNLOADED), ("loaded", None)):
+        world = PaperWorld.of(CELL, seed, switches, payload)
+        for kind, region in (("fixed", FIXED), ("varied", varied)):
+            rows = Rows.measured(world, drawn(region, "pseudo-random", SIMILAR, 0, seed), f"{load} {kind}")
+            spaces = {"joints": rows.readings, "places": rows.nominal}
+            for space, one in mantel(rows.errors, spaces, PERMUTATIONS, world.draws("Mantel")).items():
+                found[f"{space}_{load}_{kind}"] = one.r
+                found[f"{space}_{load}_{kind}_p"] = one.p
+    return found
+
+
+def drawn(region: TaskWorkspace | JointRanges, method: Method, fit: int, held_out: int, seed: int) -> Floats:
+    """Readings (fit + held_out, n), those of the fit first."""
+    return ARM.drawn(region, method, fit, held_out, seed, NEAR)
+
 
 PREDICTION = (
     Figure("robot error, mean of the held-out poses, mm", "4.96", "nominal_mean", 2),

@@ -16,10 +16,10 @@ import yaml
 from cellctl.calibration import FitResult, RobotModel, Split, fit
 from cellctl.formats import DataSet, RobotFile, measurements
 from cellctl.kinematics import JointMap, Link, SerialChain, inverse, to_poe
+from cellctl.planning import JointRanges, Method, Reach, TargetOptions, TaskWorkspace, plan_targets
 from cellctl.robots import robot_file
+from tests.studies.papers.statements import Numbers
 from tests.studies.papers.world import Floats, Ways
-
-Numbers = dict[str, float]
 
 _TURN, _SLIDE = 1e-3, 1.0
 """Units of the parameters in the least squares, rad and mm."""
@@ -68,6 +68,16 @@ class Arm:
         readings, limits = self.joints.readings(found.q), self.file.limits()
         inside = ((readings > limits[:, 0]) & (readings < limits[:, 1])).all(axis=1)
         return np.asarray(readings[found.converged & inside])
+
+    def drawn(
+        self, region: TaskWorkspace | JointRanges, method: Method, fit: int, held_out: int, seed: int, near: Floats
+    ) -> Floats:
+        """Planned readings (fit + held_out, n), those of the fit first."""
+        limits = self.file.limits()
+        reach = Reach(tuple(limits[:, 0].tolist()), tuple(limits[:, 1].tolist()), margin=5.0)
+        options = TargetOptions(near=near)
+        found = plan_targets(self.chain, self.joints, reach, region, method, fit, held_out, seed, options)
+        return np.concatenate([found.readings[~found.held_out], found.readings[found.held_out]])
 
     def table(self, *, convention: str) -> SerialChain:
         """The nominal robot as `poe`, as `mdh` (with β), or as `dh` (without)."""

@@ -111,7 +111,7 @@ def _constraints(cell: TouchCell, seed: int) -> Numbers:
     asked = cell.robot.joint_map().model(workspace_of(cell.robot, POSTURES))
 
     def after(rows: Rows, places: Floats) -> float:
-        return measured(rows, places, False, FIT, seed, asked).after
+        return measured(rows, places, False, FIT, seed, asked)["after"]
 
     sphere = after(spheres, ONE)
     return {

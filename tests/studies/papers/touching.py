@@ -9,6 +9,7 @@ from typing import Any, Self, final
 import numpy as np
 import yaml
 from scipy.optimize import brentq
+from volumetric import best_rigid
 
 from cellctl.calibration import FitResult, RobotModel, Split, Task, fit
 from cellctl.formats import DataSet, RobotFile, measurements
@@ -120,7 +121,5 @@ def touched(cell: TouchCell, world: PaperWorld, fit_count: int, held_out: int) -
 
 def volumetric(found: RobotModel, robot: RobotFile, readings: Floats, true: Floats) -> float:
     """3-D RMS, mm, of predicted from true TCPs (N, 3), the best rigid motion removed."""
-    from volumetric import best_rigid
-
     points = found.tcp(robot.joint_map().model(readings))
     return float(np.sqrt(np.mean(np.sum((best_rigid(points, true).apply(points) - true) ** 2, axis=1))))
