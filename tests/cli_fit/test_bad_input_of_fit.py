@@ -416,7 +416,7 @@ def test_an_interrupted_fit_ends_with_130_and_writes_nothing(cellctl, files, mon
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cellctl.calibration.fit", interrupted)
+    monkeypatch.setattr("cellctl.operations.fitting.fit", interrupted)
     before = sorted(path.name for path in files.iterdir())
     assert cellctl("fit", "robot.yaml", "positions.csv", "--out", "m.json", "--json", "r.json") == 130
     assert sorted(path.name for path in files.iterdir()) == before

@@ -107,6 +107,6 @@ def test_ctrl_c_in_a_fit_is_reported(cellctl, monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cellctl.calibration.fit", interrupted)
+    monkeypatch.setattr("cellctl.operations.fitting.fit", interrupted)
     assert cellctl("fit", "robot.yaml", "positions.csv") == 130
     assert capsys.readouterr() == ("", "cellctl: aborted by the operator\n")
