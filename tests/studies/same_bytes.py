@@ -47,7 +47,11 @@ def _different(found: list[Row]) -> int:
 def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
     """The hashes of each run."""
     lines = [f"{row['beside']:26} {' '.join(row['hashes'])}" for row in found]
-    yield Table("\n".join([*lines, f"{len(found)} runs: {_different(found)} different"]))
+    yield Table(
+        "\n".join(
+            [*lines, f"{len(found)} runs, data sets that differ: {_different(found) if _different(found) > 1 else 0}"]
+        )
+    )
 
 
 OPTIONS = {
