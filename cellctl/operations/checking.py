@@ -14,7 +14,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem, load_yaml
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.shipped import shipped_names
-from cellctl.operations.worker import OperationFailed, result_of
+from cellctl.operations.worker import OperationFailed, Tell, result_of
 from cellctl.procedure import (
     Confirm,
     Parameter,
@@ -156,6 +156,12 @@ async def check(procedure: Path, cell: Path | None, settings: Sequence[str], run
         return Checked(error.failure.problems)
     problems, warnings = (tuple(Problem(**one) for one in found[name]) for name in ("problems", "warnings"))
     return Checked(problems, warnings, found["cell"], tuple(found["devices"]))
+
+
+def check_requested(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """The operation of the worker: `procedure`, `cell`, `settings`, `runs` → all errors."""
+    cell = Path(request["cell"]) if request["cell"] else None
+    return checked(Path(request["procedure"]), cell, request["settings"], Path(request["runs"])).to_json()
 
 
 def line_of(problem: Problem) -> str:

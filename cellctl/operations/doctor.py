@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from statistics import median
 from typing import Any, final
 
@@ -13,6 +14,7 @@ from cellctl.devices import CellIO, Device, DeviceError, DeviceUnreachable, Heal
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.operations.cell_devices import DeviceLocks, open_devices, powered, require_cells, tell_targets
+from cellctl.operations.worker import Tell
 
 _ANSWER_S = 30.0
 """Longest wait for one device, in the cell's time."""
@@ -106,6 +108,12 @@ async def examination(cell: Cell, drivers: DriverRegistry, seed: int | None = No
     """Every device of the cell, examined (see `examine`)."""
     require_cells()
     return Examination(cell.name, cell.simulated, await examine(cell, drivers, seed))
+
+
+def examine_requested(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """The operation of the worker: the devices of the `cell` file, examined."""
+    drivers = DriverRegistry()
+    return asyncio.run(examination(Cell.load(Path(request["cell"]), drivers), drivers)).to_json()
 
 
 async def examine(cell: Cell, drivers: DriverRegistry, seed: int | None = None) -> tuple[Examined, ...]:

@@ -24,9 +24,9 @@ Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
 
 OPERATIONS: dict[str, str] = {
     "act_on_table": "cellctl.operations.worker_operations:act_on_table",
-    "check": "cellctl.operations.worker_operations:check",
+    "check": "cellctl.operations.checking:check_requested",
     "compensate": "cellctl.operations.worker_operations:compensate",
-    "examine": "cellctl.operations.worker_operations:examine",
+    "examine": "cellctl.operations.doctor:examine_requested",
     "export": "cellctl.operations.worker_operations:export",
     "fit": "cellctl.operations.worker_operations:fit",
     "look_at_table": "cellctl.operations.worker_operations:look_at_table",
@@ -34,7 +34,7 @@ OPERATIONS: dict[str, str] = {
     "report": "cellctl.operations.worker_operations:report",
     "understand": "cellctl.operations.worker_operations:understand",
 }
-"""Operation → `module:function`."""
+"""Operation → `module:function`. A check and an examination need little: they do not import the others."""
 
 WORKER = (sys.executable, "-P", "-m", "cellctl.operations.worker")
 """The command line of the process, without its operation."""

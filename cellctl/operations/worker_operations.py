@@ -5,35 +5,18 @@ Each takes a JSON object and what reports a line, and returns JSON.
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
 from typing import Any
 
 from cellctl.calibration.estimation.progress import Progress
-from cellctl.devices.cell import Cell
-from cellctl.devices.registry import DriverRegistry
 from cellctl.files import write_atomically
 from cellctl.operations.analyses import FitSettings, fit_analysis, understand_analysis
 from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis
-from cellctl.operations.checking import checked
-from cellctl.operations.doctor import examination
 from cellctl.operations.export import Form, export_run
 from cellctl.operations.replay import replay_run
 from cellctl.operations.table_actions import TableRequest, act, look
 from cellctl.operations.worker import Tell
 from cellctl.report import write_report
-
-
-def check(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
-    """`procedure`, `cell`, `settings`, `runs` → all errors of a procedure with its cell."""
-    cell = Path(request["cell"]) if request["cell"] else None
-    return checked(Path(request["procedure"]), cell, request["settings"], Path(request["runs"])).to_json()
-
-
-def examine(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
-    """The devices of the `cell` file, examined."""
-    drivers = DriverRegistry()
-    return asyncio.run(examination(Cell.load(Path(request["cell"]), drivers), drivers)).to_json()
 
 
 def understand(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
