@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from math import cos, radians, sin
 from pathlib import Path
@@ -11,6 +12,9 @@ from typing import final
 from sims.section import Section
 
 Triple = tuple[float, float, float]
+
+CAMPAIGNS = "cellctl.campaigns"
+"""The entry point group: the packages whose folder `robots` has the shipped files register in it."""
 
 HAYATI = "mdh-hayati"
 """T = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
@@ -159,6 +163,8 @@ def _joint(joint: Section) -> Joint:
 def robot_path(model: str, folder: Path) -> Path:
     """The robot file that `model`, in a cell file in `folder`, means: a path from there, else a shipped name."""
     path = folder / model
-    spec = find_spec("procedures")
-    shipped = [Path(place) / "robots" / f"{model}.yaml" for place in (spec and spec.submodule_search_locations) or ()]
+    packages = sorted({point.module.partition(".")[0] for point in entry_points(group=CAMPAIGNS)})
+    specs = [spec for spec in map(find_spec, packages) if spec]
+    places = [Path(place) for spec in specs for place in spec.submodule_search_locations or ()]
+    shipped = [place / "robots" / f"{model}.yaml" for place in places]
     return next((file for file in (path, *shipped) if file.is_file()), path)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, final
 import typer
 
 from cellctl.files import InputError, Problem, is_stream, write_atomically
-from cellctl.operations.shipped import shipped_file
+from cellctl.installed import shipped_file
 
 
 def _procedure(given: Path) -> Path:

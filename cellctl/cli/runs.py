@@ -12,6 +12,7 @@ from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
 from cellctl.cli.compared_words import compared_words
 from cellctl.files import InputError, Problem, write_atomically
+from cellctl.installed import first_procedure
 from cellctl.journal import RunState, fold, journal_in, read_journal, run_place
 from cellctl.operations import export as exports
 from cellctl.operations.comparing_runs import compare_runs
@@ -48,7 +49,7 @@ def runs(
     if json_ == "-":
         return
     if not found:
-        none = f"No runs in {folder}. `cellctl run sphere_selfcal` makes one."
+        none = f"No runs in {folder}. `cellctl run {first_procedure()}` makes one."
         typer.echo(none if asked == RunFilter() else f"No run in {folder} is as searched for.")
         return
     for line in _aligned([_COLUMNS, *([str(row.get(key) or "-") for key in _KEYS] for row in found)]):

@@ -18,6 +18,7 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import ActionName, Operator
 from cellctl.files import InputError, Problem
+from cellctl.installed import shipped_file
 from cellctl.journal import OperatorAction, writer_of
 from cellctl.operations.cell_state import examine_cell
 from cellctl.operations.export import Form
@@ -25,7 +26,6 @@ from cellctl.operations.failure import Failure
 from cellctl.operations.run_control import RunOrder, act, resume_detached, start_detached
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, run_named
 from cellctl.operations.run_list import RunRow, run_rows
-from cellctl.operations.shipped import shipped_file
 from cellctl.operations.table_actions import Action, TableRequest, refuse_confirmation
 
 _tasks: set[asyncio.Task[None]] = set()

@@ -17,6 +17,7 @@ from cellctl.console.shared import console
 from cellctl.devices import DeviceError
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
+from cellctl.installed import histories
 from cellctl.journal import JournalError
 from cellctl.operations.failure import Failure
 
@@ -26,7 +27,7 @@ NAVIGATION = (
     ("Start", "/start"),
     ("Run", "/run"),
     ("Runs", "/runs"),
-    ("Daily checks", "/daily"),
+    *((each.title, f"/{each.name}") for each in histories()),
     ("Tables", "/tables"),
     ("API", "/api"),
 )

@@ -36,7 +36,7 @@ PAGES = (
     "runs",
     "result",
     "compare",
-    "daily",
+    "histories",
     "tables",
     "analyse",
     "analyse_one",

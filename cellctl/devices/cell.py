@@ -19,7 +19,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.kinds import CELL
 from cellctl.files.validated import validated
-from cellctl.robots import near, robot_file
+from cellctl.installed import near, robot_file
 
 
 def reach_of(robot_file: Path) -> float | None:

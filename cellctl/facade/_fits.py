@@ -17,10 +17,10 @@ from cellctl.facade._views import data_view, robot_view
 from cellctl.facade.frames import data_set_of, frame_of, is_frame, postures, refused
 from cellctl.files import Document
 from cellctl.formats import DataSet, RobotFile, load_artefact
+from cellctl.installed import shipped_file
 from cellctl.kinematics import Floats
 from cellctl.operations.fit_options import Asked, Judging
 from cellctl.operations.fitting import FitInput, fit_rows, robot_of
-from cellctl.operations.shipped import shipped_file
 
 
 @final

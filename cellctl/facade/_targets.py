@@ -33,6 +33,7 @@ from cellctl.formats.table import Row
 from cellctl.formats.table_export import columns, compensated_records
 from cellctl.formats.table_making import target_rows
 from cellctl.formats.targets import Targets, read_targets
+from cellctl.installed import shipped_file
 from cellctl.kinematics import Bools, Floats
 from cellctl.operations.compensating import (
     CellRobot,
@@ -51,7 +52,6 @@ from cellctl.operations.program_compensation import (
     is_new_folder,
     refuse_method,
 )
-from cellctl.operations.shipped import shipped_file
 
 MOST_PASSES = 50
 """As the command line allows."""

@@ -15,6 +15,7 @@ from cellctl.calibration.estimation.progress import Progress, part_of, silent
 from cellctl.clock import calendar_time
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import RobotFile, load_artefact
+from cellctl.installed import near, shipped
 from cellctl.journal.journal_file import WriterLock, lock_holder
 from cellctl.operations.exporting import ExportOptions, exported, model_source, read_source
 from cellctl.operations.failure import ABORTED, MEANINGS, Failure
@@ -23,7 +24,6 @@ from cellctl.operations.fitting import FitInput, fit_rows
 from cellctl.operations.robot_suggestion import doubt_of, suggest_robots
 from cellctl.operations.understanding import read_data, understand
 from cellctl.pendant_import import choices
-from cellctl.robots import library, near
 
 Role: TypeAlias = Literal["data", "positions", "robot", "artefact"]
 
@@ -217,7 +217,7 @@ def set_robot(folder: Path, library_name: str = "", file: str = "") -> Analysis:
     """Choose the robot: one of the library, or a robot file that is in the folder. Raises InputError."""
     record = Analysis.load(folder)
     if library_name:
-        known = library()
+        known = shipped("robot")
         if library_name not in known:
             raise InputError(Problem(library_name, 0, 0, "the library has no robot of this name", near(library_name)))
         file = f"{library_name}.yaml"

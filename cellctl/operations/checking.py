@@ -12,8 +12,8 @@ from typing import Any, Literal, final
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem, load_yaml
+from cellctl.installed import first_procedure, shipped
 from cellctl.operations.campaign import load_campaign
-from cellctl.operations.shipped import shipped_names
 from cellctl.operations.worker import OperationFailed, Tell, result_of
 from cellctl.procedure import (
     Confirm,
@@ -87,16 +87,16 @@ def choices(kind: Literal["procedure", "cell"], named: Path | None = None) -> di
     own = {file.stem: file for folder in _OWN_FOLDERS for file in sorted(Path(folder).glob("*.yaml"))}
     files = {**({named.stem: named} if named else {}), **{name: file for name, file in own.items() if _is(kind, file)}}
     found = {name: _choice(kind, name, file, shipped=False) for name, file in files.items()}
-    for name, file in shipped_names(kind).items():
+    for name, file in shipped(kind).items():
         if name not in found or file.samefile(found[name].file):
             found[name] = _choice(kind, name, file, shipped=True)
     return found
 
 
 def first_choice(procedures: Mapping[str, FileChoice], cell: str) -> FileChoice:
-    """The procedure to offer first for the cell of this name: the first one that names it, else `sphere_selfcal`."""
+    """The procedure to offer first for the cell of this name: the first one that names it, else that of `Campaigns`."""
     fitting = [one for one in procedures.values() if cell and one.cell == cell]
-    return next(iter(fitting), procedures.get("sphere_selfcal") or next(iter(procedures.values())))
+    return next(iter(fitting), procedures.get(first_procedure()) or next(iter(procedures.values())))
 
 
 def missing_devices(procedure: Path, cell: Path) -> tuple[str, ...]:

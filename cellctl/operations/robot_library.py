@@ -13,7 +13,7 @@ import numpy as np
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile
 from cellctl.formats.robot import SecondSource, Source
-from cellctl.robots import library, near
+from cellctl.installed import near, shipped
 
 COLUMNS = ("name", "robot", "joints", "reach, mm", "payload, kg", "checked")
 
@@ -30,7 +30,7 @@ class LibraryRobot:
     @classmethod
     def find(cls, name: str) -> Self:
         """The robot of that name. Raises InputError with the nearest names."""
-        files = library()
+        files = shipped("robot")
         if name not in files:
             raise InputError(Problem(name, 0, 0, "the library has no robot of this name", near(name)))
         return cls(name, files[name], RobotFile.load(files[name]))
@@ -71,7 +71,7 @@ class LibraryRobot:
 
 def robots() -> list[LibraryRobot]:
     """All robots of the library, by name."""
-    return [LibraryRobot(name, file, RobotFile.load(file)) for name, file in library().items()]
+    return [LibraryRobot(name, file, RobotFile.load(file)) for name, file in shipped("robot").items()]
 
 
 def reach_mm(robot: RobotFile) -> float:

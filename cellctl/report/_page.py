@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import entry_points
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Self, final
@@ -14,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from cellctl import __version__
 from cellctl.files import InputError, write_atomically
+from cellctl.installed import contributions
 from cellctl.records import Row
 from cellctl.report._run import Run
 from cellctl.report._summary import summary
@@ -92,16 +92,9 @@ class Sections:
         """All sections of the installed packages."""
         found: dict[str, ReportSection] = {}
         broken: list[str] = []
-        for name, value, point in sorted((point.name, point.value, point) for point in entry_points(group=GROUP)):
-            try:
-                section = point.load()
-            except Exception as error:  # the code of another package may raise anything
-                broken.append(f"section '{name}' ({value}) cannot be loaded: {error}")
-                continue
-            if not isinstance(section, ReportSection):
-                broken.append(f"section '{name}' ({value}) is no ReportSection")
-            elif found.setdefault(section.id, section) is not section:
-                broken.append(f"section '{name}' ({value}): there is another section '{section.id}'")
+        for label, section in contributions(GROUP, ReportSection, "section", broken):
+            if found.setdefault(section.id, section) is not section:
+                broken.append(f"{label}: there is another section '{section.id}'")
         return cls.of(found.values(), broken)
 
 

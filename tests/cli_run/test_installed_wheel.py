@@ -73,7 +73,7 @@ def test_a_shipped_procedure_runs_beside_folders_named_as_our_packages(installed
 
 def test_shipped_names_are_those_of_the_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from cellctl.files import InputError
-    from cellctl.operations.shipped import shipped_file
+    from cellctl.installed import shipped_file
 
     monkeypatch.chdir(tmp_path)
     assert shipped_file("robot", Path("ur10")).resolve() == ROOT / "procedures" / "robots" / "ur10.yaml"

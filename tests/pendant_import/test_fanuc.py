@@ -5,12 +5,12 @@ import pytest
 
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
+from cellctl.installed import shipped
 from cellctl.pendant_import import Choices
 from cellctl.pendant_import._joint_list import joint_points, joint_texts
 from cellctl.pendant_import._programs import program_targets
-from cellctl.robots import library
 
-M10 = RobotFile.load(library()["m10ia"])
+M10 = RobotFile.load(shipped("robot")["m10ia"])
 A = [f"A{number}" for number in range(1, 7)]
 HEAD = "/PROG  MESS1\r\n/ATTR\r\nOWNER\t\t= MNEDITOR;\r\n/MN\r\n   1:J P[1] 100% FINE    ;\r\n/POS\r\n"
 

@@ -10,10 +10,10 @@ from cellctl.files import InputError
 from cellctl.formats import DataSet, RobotFile
 from cellctl.formats.dataset import text_of
 from cellctl.formats.targets import read_targets
+from cellctl.installed import shipped
 from cellctl.pendant_import import choices, imported_targets
-from cellctl.robots import library
 
-UR10 = RobotFile.load(library()["ur10"])
+UR10 = RobotFile.load(shipped("robot")["ur10"])
 
 
 def krl(place, turn):

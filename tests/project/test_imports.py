@@ -6,6 +6,7 @@ import ast
 import importlib
 import inspect
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from cell_runs import CELL, ROOT, touches_procedure
 
 import cellctl
 from cellctl.cli.verbs import VERBS
+from cellctl.installed import shipped
 
 PACKAGES = ("cellctl", "drivers", "procedures", "sims")
 MOST_IN_FUNCTIONS = 150
@@ -139,3 +141,21 @@ def test_arrows_that_no_import_shows_are_listed():
             if called in {"import_module", "__import__"} or (isinstance(node, ast.Constant) and node.value == "-m"):
                 found.add(str(file.relative_to(ROOT)))
     assert found == set(BY_STRING)
+
+
+KNOW_NO_CAMPAIGN = ("cli", "console", "engine", "facade", "journal", "operations", "procedure", "report")
+
+
+def test_services_console_and_engine_name_no_shipped_procedure_step_or_row_kind_but_in_docstrings():
+    campaigns = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "procedures").rglob("*.py"))
+    kinds = re.findall(r'KIND: ClassVar\[str\] = "(\w+[ _]\w[^"]*)"', campaigns)  # one word may mean something else
+    steps = re.findall(r'@step\(\s*"([^"]+)"', campaigns)
+    assert min(len(kinds), len(steps), len(shipped("procedure"))) > 10
+    name = re.compile(rf"\b({'|'.join(map(re.escape, [*kinds, *steps, *shipped('procedure')]))})\b")
+    found = []
+    for file in (path for top in KNOW_NO_CAMPAIGN for path in (ROOT / "cellctl" / top).rglob("*.py")):
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+        texts = (node for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str))
+        found += [f"{file}: {each.value}" for each in texts if id(each) not in docstrings and name.search(each.value)]
+    assert found == []

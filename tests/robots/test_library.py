@@ -10,7 +10,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
 from cellctl.formats.robot import SecondSource
-from cellctl.robots import library, robot_file
+from cellctl.installed import robot_file, shipped
 from sims.cell import CellError, read_cell
 from sims.robot_file import read_robot
 from sims.section import Section
@@ -46,21 +46,21 @@ def test_an_unknown_name_in_a_cell_is_refused_with_the_nearest_names(tmp_path):
 
 
 def test_every_robot_of_the_library_states_source_licence_and_check():
-    for name, file in library().items():
+    for name, file in shipped("robot").items():
         source = RobotFile.load(file).source
         assert source is not None, name
         assert source.checked == "single source" or isinstance(source.checked, SecondSource), name
 
 
 def test_the_source_is_no_property_of_the_robot():
-    assert "source" not in RobotFile.load(library()["tx60"]).model_dump()
+    assert "source" not in RobotFile.load(shipped("robot")["tx60"]).model_dump()
 
 
-@pytest.mark.parametrize("name", library())
+@pytest.mark.parametrize("name", shipped("robot"))
 def test_the_simulators_read_every_robot_of_the_library(name):
     problems: list[str] = []
-    theirs = read_robot(Section(yaml.safe_load(library()[name].read_text(encoding="utf-8")), "", problems))
-    ours = RobotFile.load(library()[name])
+    theirs = read_robot(Section(yaml.safe_load(shipped("robot")[name].read_text(encoding="utf-8")), "", problems))
+    ours = RobotFile.load(shipped("robot")[name])
     assert not problems
     assert [link.a for link in theirs.links] == [link.a for link in ours.links]
 
@@ -69,7 +69,7 @@ def test_the_simulators_read_every_robot_of_the_library(name):
     ("checked", "words"), [("two sources", "single source"), ("{against: a drawing}", "agreement_mm")]
 )
 def test_a_check_without_its_agreement_is_refused(tmp_path, checked, words):
-    text = library()["tx60"].read_text(encoding="utf-8").replace("checked: {", f"checked: {checked}  # {{")
+    text = shipped("robot")["tx60"].read_text(encoding="utf-8").replace("checked: {", f"checked: {checked}  # {{")
     (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=words):
         RobotFile.load(tmp_path / "robot.yaml")

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from cellctl.cli.verbs import app
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
+from cellctl.installed import shipped
 from cellctl.operations.robot_library import markdown, reach_mm, robots
-from cellctl.robots import library
 
 
 def cellctl(*words):
@@ -20,7 +20,7 @@ def cellctl(*words):
 
 def test_the_list_has_at_least_twenty_five_robots_with_licence_and_reach():
     listed = json.loads(cellctl("robots", "--json", "-"))["robots"]
-    assert len(listed) == len(library()) >= 25
+    assert len(listed) == len(shipped("robot")) >= 25
     assert all(row["licence"] and row["numbers"] and row["reach_mm"] > 400 for row in listed)
 
 
@@ -28,7 +28,7 @@ def test_one_robot_is_shown_with_its_link_table_and_written(tmp_path):
     shown = cellctl("robots", "kr300_r2500", "-o", str(tmp_path / "mine.yaml"))
     assert "1150" in shown
     assert "robotkinematicscatalogue" in shown
-    assert (tmp_path / "mine.yaml").read_text() == library()["kr300_r2500"].read_text()
+    assert (tmp_path / "mine.yaml").read_text() == shipped("robot")["kr300_r2500"].read_text()
 
 
 def test_an_unknown_robot_is_refused_with_the_nearest_names():
@@ -42,7 +42,7 @@ def test_a_robot_by_its_name_converts_to_urdf():
 
 @pytest.mark.parametrize(("name", "wrist_mm", "flange_mm"), [("kr300_r2500", 2496, 240), ("kr16_2", 1611, 158)])
 def test_the_reach_is_the_makers_to_the_wrist_and_the_flange_beyond(name, wrist_mm, flange_mm):
-    assert reach_mm(RobotFile.load(library()[name])) == pytest.approx(wrist_mm + flange_mm, abs=1.0)
+    assert reach_mm(RobotFile.load(shipped("robot")[name])) == pytest.approx(wrist_mm + flange_mm, abs=1.0)
 
 
 def test_the_reference_page_has_the_table_of_the_files():

@@ -11,11 +11,11 @@ import yaml
 
 from cellctl.formats import RobotFile
 from cellctl.formats.robot import SecondSource
-from cellctl.robots import library
+from cellctl.installed import shipped
 
 SECOND = yaml.safe_load((Path(__file__).parent / "second_sources.yaml").read_text(encoding="utf-8"))
 CHECKED = sorted(
-    name for name, file in library().items() if isinstance(RobotFile.load(file).source.checked, SecondSource)
+    name for name, file in shipped("robot").items() if isinstance(RobotFile.load(file).source.checked, SecondSource)
 )
 
 
@@ -49,7 +49,7 @@ def test_every_checked_robot_has_its_second_source_here_and_at_least_fifteen_are
 
 @pytest.mark.parametrize("name", CHECKED)
 def test_the_flange_is_where_the_second_source_has_it(name):
-    robot, second = RobotFile.load(library()[name]), SECOND[name]
+    robot, second = RobotFile.load(shipped("robot")[name]), SECOND[name]
     stated = robot.source.checked
     readings = np.random.default_rng(1).uniform(-100.0, 100.0, (200, robot.n))
     ours = robot.chain().with_tool(np.eye(4)).forward_flange(robot.joint_map().model(readings))

@@ -20,15 +20,18 @@ from cellctl.console.shared import console
 from cellctl.devices import DeviceError
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
+from cellctl.installed import histories
 from cellctl.journal import JournalError
 from cellctl.operations.failure import Failure
+
+_COMPARED = ", ".join(each.title.lower() for each in histories())
 
 SUBJECTS = {
     "console": "The console itself, and its audit log",
     "cells": "Cells and the health of their devices",
     "start": "Procedures, the check, and the start of a run",
     "run": "One run in progress, and the commands that act on it",
-    "runs": "Finished and running runs: list, figures, files, comparison, drift, daily checks",
+    "runs": "Finished and running runs: list, figures, files, comparison, drift, " + _COMPARED,
     "tables": "Compensation tables of the controllers",
     "analyses": "Fits of data files without a cell",
 }

@@ -1,4 +1,4 @@
-"""Finished and running runs: list, search, result, comparison, drift, daily checks, files, report, export, replay."""
+"""Finished and running runs: list, search, result, comparison, drift, histories, files, report, export, replay."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused, Run
 from cellctl.console.commands import REPORT_CONTENT, exported, known_rows, recompute
 from cellctl.console.shared import console
 from cellctl.files import InputError
+from cellctl.installed import History, histories
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
-from cellctl.operations.daily_history import daily_histories
 from cellctl.operations.export import Form
 from cellctl.operations.run_folder import run_file, run_files, run_named
 from cellctl.operations.run_list import RunFilter, run_row
@@ -169,14 +169,18 @@ async def drift(
     return (await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter)).to_json()
 
 
-@router.get("/daily", responses=READS)
-async def daily(
-    baseline_runs: Annotated[int | None, Query(ge=2, le=1000, description="Number of the first checks")] = None,
-) -> dict[str, Any]:
-    """Histories of daily checks with control charts (mm). baseline_runs: first checks that give the limits."""
-    found = await asyncio.to_thread(daily_histories, console().runs, baseline_runs)
-    left_out = [{"run": name, "why": why} for name, why in found.left_out]
-    return {"histories": [history.to_json() for history in found.histories], "left_out": left_out}
+def _add(history: History) -> None:
+    """The route of a history that a package of campaigns brings."""
+
+    @router.get(f"/{history.name}", name=history.name, description=history.about, responses=READS)
+    async def compared(
+        baseline_runs: Annotated[int | None, Query(ge=2, le=1000, description="Number of the first checks")] = None,
+    ) -> dict[str, Any]:
+        return (await asyncio.to_thread(history.read, console().runs, baseline_runs)).to_json()
+
+
+for _history in histories():
+    _add(_history)
 
 
 def run_place(name: str) -> Path:

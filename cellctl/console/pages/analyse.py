@@ -19,9 +19,9 @@ from cellctl.console.look import Cell, State, command_button, figures, section, 
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
+from cellctl.installed import shipped
 from cellctl.operations import analyses
 from cellctl.operations.analyses import roles
-from cellctl.robots import library
 
 Handler = Callable[..., Any]
 
@@ -95,7 +95,7 @@ class ImportAnswers:
             with ui.element("div").classes("answers"):
                 for name, (label, options) in _CHOICES.items():
                     self._fields[name] = ui.select(options, value="", label=label).props("outlined dense")
-                robots = ui.select(["", *library()], value="", label=_ROBOT, with_input=True)
+                robots = ui.select(["", *shipped("robot")], value="", label=_ROBOT, with_input=True)
                 self._robot = robots.props("outlined dense")
                 columns = ui.input(_COLUMNS, placeholder="A1=shoulder,A2=upper_arm,X=north").classes("wide")
                 self._fields["columns"] = columns.props("outlined dense")

@@ -27,10 +27,10 @@ from cellctl.console.pages.analyse import REPEATABILITY, STATES, names_fields, u
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
+from cellctl.installed import shipped
 from cellctl.operations import analyses
 from cellctl.operations.analyses import RESULTS, FitSettings
 from cellctl.report.figures import fixed
-from cellctl.robots import library
 
 MODELS = {
     "auto": "chosen by held-out rows (auto)",
@@ -127,7 +127,7 @@ def robot_choice(state: dict[str, Any], choose: Callable[[str], Awaitable[None]]
     """The robot of the library with search, and the suggestion."""
     found = (state["understood"] or {}).get("suggestions")
     titles = {each["name"]: f"{each['robot']} ({each['name']})" for each in (found or {}).get("robots", ())}
-    options = {**{name: titles[name] for name in titles}, **{name: titles.get(name, name) for name in library()}}
+    options = {**{name: titles[name] for name in titles}, **{name: titles.get(name, name) for name in shipped("robot")}}
     label = "Robot of the library (type to search)"
     if state["robot"] and not state["library"]:
         ui.label(f"Own robot file: {state['robot']}")

@@ -27,9 +27,9 @@ from cellctl.console.look import (
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
+from cellctl.installed import shipped
 from cellctl.operations.run_folder import SIMULATOR_MEMORY
 from cellctl.operations.run_list import RunRow, robot_serial
-from cellctl.operations.shipped import shipped_names
 from cellctl.operations.table_actions import Action, TableRequest, known_table, refuse_confirmation
 from cellctl.operations.table_diff import ComparedTable, table_difference
 from cellctl.operations.table_history import short, table_overview
@@ -245,7 +245,7 @@ def _cell_choice(serial: str) -> tuple[ui.select, ui.select]:
     """The cell whose controller is meant, and for a simulated one the run whose memory it continues."""
     own = console().settings.cell
     names = {"": f"{own.stem} (this console's)"} if own else {}
-    names |= {name: name for name in shipped_names("cell")}
+    names |= {name: name for name in shipped("cell")}
     rows = [row for row in live_rows() if robot_serial(row) == serial and row.get("cell")]
     used = next((_stem(row["cell"]) for row in rows), "")
     first = "" if own else used if used in names else next(iter(names))

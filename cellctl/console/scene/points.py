@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache
-from importlib.metadata import entry_points
 from typing import Any, Self, TypeAlias, final
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 from cellctl.files import Document, InputError, parse_yaml
 from cellctl.formats import Artefact, RobotFile, artefact_of
 from cellctl.formats.cell_sections import FlangeReflector, Nest, Station, floor_of, reflectors_of, station_of
+from cellctl.installed import contributions
 from cellctl.journal import Outcome, RecordedRow, RunState
 from cellctl.journal.events import RunStarted, SourceFile
 from cellctl.kinematics import Floats, JointMap, SerialChain
@@ -292,15 +292,6 @@ class SceneSource:
 @lru_cache(maxsize=1)
 def installed_sources() -> tuple[tuple[SceneSource, ...], tuple[str, ...]]:
     """The sources of the installed packages, and those that cannot be loaded, as text."""
-    usable, broken = [], []
-    for point in sorted(entry_points(group=GROUP), key=lambda each: each.name):
-        try:
-            source = point.load()
-        except Exception as error:  # the code of another package may raise anything
-            broken.append(f"scene source '{point.name}' ({point.value}) cannot be loaded: {error}")
-            continue
-        if isinstance(source, SceneSource):
-            usable.append(source)
-        else:
-            broken.append(f"scene source '{point.name}' ({point.value}) is no SceneSource")
-    return tuple(usable), tuple(broken)
+    broken: list[str] = []
+    usable = tuple(source for _, source in contributions(GROUP, SceneSource, "scene source", broken))
+    return usable, tuple(broken)

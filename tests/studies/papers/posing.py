@@ -13,9 +13,9 @@ from cellctl.calibration import FitResult, PoseRows, RobotModel, RowBlocks, Spli
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile
 from cellctl.formats.measurements import ModelTerms
+from cellctl.installed import robot_file
 from cellctl.kinematics import SerialChain
 from cellctl.procedure._cell_check import CellFiles
-from cellctl.robots import robot_file
 from procedures.steps.tracker.pose_planning import planned_rounds
 from sims.conditions import REFERENCE_C
 from tests.studies.papers.world import Floats, PaperWorld, Ways, plate_of, pose_of_plate

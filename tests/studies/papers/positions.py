@@ -15,9 +15,9 @@ import yaml
 
 from cellctl.calibration import FitResult, RobotModel, Split, fit
 from cellctl.formats import DataSet, RobotFile, measurements
+from cellctl.installed import robot_file
 from cellctl.kinematics import JointMap, Link, SerialChain, inverse, to_poe
 from cellctl.planning import JointRanges, Method, Reach, TargetOptions, TaskWorkspace, plan_targets
-from cellctl.robots import robot_file
 from tests.studies.papers.statements import Numbers
 from tests.studies.papers.world import Floats, Ways
 

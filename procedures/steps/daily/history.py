@@ -7,21 +7,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self, TypeAlias, final
 
-from cellctl.files import InputError, canonical_json
+from cellctl.files import InputError
 from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal
 from cellctl.metrology import ControlChart, control_chart
 from cellctl.metrology.daily_check import RIGID_AND_SCALE, deviations, in_one_frame
-from cellctl.records import VerdictRow
+from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict, DayPoints
 
-POINTS, SECTION = "daily points", "daily"
-"""Kind of the row of a check's points, and the field of its verdict; `procedures/steps/daily/rows.py` has both."""
+SECTION = DailyVerdict.SECTION[0]
+"""A field that only results of this kind of campaign have."""
 
-_SAME = ("baseline", "robot", "payload_kg", "accuracy", "commanded", "nest_names")
-"""Fields of the points that are equal in all checks that can be compared."""
-
-_FIELDS = (*_SAME, "points", "nests", "spread")
-
-_Found: TypeAlias = "tuple[DailyCheck, Mapping[str, Any]]"
+_Found: TypeAlias = "tuple[DailyCheck, DayPoints]"
 
 
 @final
@@ -66,7 +61,7 @@ class DailyHistory:
         checks, days = tuple(pair[0] for pair in ordered), [pair[1] for pair in ordered]
         day = days[0]
         charts = _charts(days, baseline_runs or checks[-1].needed)
-        return cls(day["robot"], day["baseline"], day["payload_kg"], day["accuracy"], checks, charts)
+        return cls(day.robot, day.baseline, day.payload_kg, day.accuracy, checks, charts)
 
     @property
     def provisional(self) -> bool:
@@ -92,6 +87,11 @@ class DailyHistories:
     histories: tuple[DailyHistory, ...]
     left_out: tuple[tuple[str, str], ...]
 
+    def to_json(self) -> dict[str, Any]:
+        """For JSON."""
+        left_out = [{"run": name, "why": why} for name, why in self.left_out]
+        return {"histories": [history.to_json() for history in self.histories], "left_out": left_out}
+
 
 def daily_histories(runs: Path, baseline_runs: int | None = None) -> DailyHistories:
     """The histories of the finished daily checks in the folder `runs`, the one with the latest check first.
@@ -99,50 +99,46 @@ def daily_histories(runs: Path, baseline_runs: int | None = None) -> DailyHistor
     baseline_runs: number of first checks that give the limits, at least 2; None: as the procedure of the last check
     says.
     """
-    groups: dict[str, list[_Found]] = {}
+    groups: dict[object, list[_Found]] = {}
     left_out: list[tuple[str, str]] = []
-    for found in _finished_checks(runs, left_out):
-        groups.setdefault(canonical_json([found[1][name] for name in _SAME]), []).append(found)
+    for run, started, state, day in finished_checks(runs, left_out):
+        same = (day.baseline, day.robot, day.payload_kg, day.accuracy, day.commanded, day.nest_names)
+        groups.setdefault(same, []).append((_check(run, started, state), day))
     histories = []
     for group in groups.values():
         try:
             histories.append(DailyHistory.of(group, baseline_runs))
-        except (ValueError, KeyError) as error:
+        except ValueError as error:
             left_out += [(check.run, f"its points cannot be compared: {error}") for check, _ in group]
     histories.sort(key=lambda history: history.checks[-1].began, reverse=True)
     return DailyHistories(tuple(histories), tuple(sorted(left_out)))
 
 
-def _finished_checks(runs: Path, left_out: list[tuple[str, str]]) -> Iterator[_Found]:
-    """Each finished check and its points; those that cannot be read are added to `left_out`."""
-    for journal in sorted(runs.glob("*/journal.sqlite")):
-        try:
-            found = _check_in(journal)
-        except (InputError, JournalError, KeyError, TypeError):
-            left_out.append((journal.parent.name, "its journal is damaged"))
-        else:
-            if found:
-                yield found
+def finished_checks(
+    runs: Path, left_out: list[tuple[str, str]], but: Path | None = None
+) -> Iterator[tuple[str, RunStarted, RunState, DayPoints]]:
+    """Name, start, state and points of each finished check in the folder `runs`, except that in the folder `but`.
 
-
-def _check_in(journal: Path) -> _Found | None:
-    """The check of the journal; None if it is another campaign's, or one that did not finish.
-
-    Raises KeyError where its row lacks a field.
+    Name and reason of those that cannot be read are added to `left_out`.
     """
-    first = next(read_journal(journal), None)
-    if first is None or not isinstance(first.event, RunStarted) or SECTION not in (first.event.section or ()):
-        return None
-    state = fold(read_journal(journal))
-    rows = state.data_of(POINTS)
-    if state.state != "finished" or not rows:
-        return None
-    day = {name: rows[-1]["day"][name] for name in _FIELDS}
-    return _check(journal.parent.name, first.event, state), day
+    for journal in sorted(runs.glob("*/journal.sqlite")):
+        if but and journal.parent.resolve() == but.resolve():
+            continue
+        try:
+            first = next(read_journal(journal), None)
+            if first is None or not isinstance(first.event, RunStarted) or SECTION not in (first.event.section or ()):
+                continue
+            state = fold(read_journal(journal))
+            row = state.last(DailyPointsRow) if state.state == "finished" else None
+        except (InputError, JournalError):
+            left_out.append((journal.parent.name, "its journal is damaged"))
+            continue
+        if row:
+            yield journal.parent.name, first.event, state, row.day
 
 
 def _check(run: str, started: RunStarted, state: RunState) -> DailyCheck:
-    verdict = state.data_of(VerdictRow.KIND)[-1:]
+    verdict = state.data_of(DailyVerdict.KIND)[-1:]
     said: Mapping[str, Any] = verdict[0] if verdict else {}
     figures = said.get(SECTION) or {}
     statistics = {name: figures.get(name) for name in ("t2", "t2_limit", "ewma", "ewma_limit")}
@@ -150,11 +146,10 @@ def _check(run: str, started: RunStarted, state: RunState) -> DailyCheck:
     return DailyCheck(run, started.calendar, said.get("verdict", ""), said.get("sentence", ""), needed, **statistics)
 
 
-def _charts(days: Sequence[Mapping[str, Any]], baseline: int) -> dict[str, ControlChart]:
+def _charts(days: Sequence[DayPoints], baseline: int) -> dict[str, ControlChart]:
     if len(days) < 2:
         return {}
-
-    points = in_one_frame(*([day[name] for day in days] for name in ("points", "nests", "spread")))
+    points = in_one_frame([day.points for day in days], [day.nests for day in days], [day.spread for day in days])
     columns = deviations(points, baseline).T
     return {name: control_chart(values, baseline) for name, values in zip(RIGID_AND_SCALE, columns, strict=True)}
 

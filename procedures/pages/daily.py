@@ -1,8 +1,7 @@
-"""`/daily`: histories of daily checks as control charts."""
+"""Histories of daily checks as control charts, on their page of the console."""
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Sequence
 from typing import Any, final
 from urllib.parse import quote
@@ -10,40 +9,24 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
-from cellctl.console.frame import follow, frame
 from cellctl.console.look import Cell, facts, figures, look_of_verdict, numbers, section, shown_time, state_word, words
-from cellctl.console.shared import console
-from cellctl.operations.daily_history import SECTION, DailyCheck, DailyHistories, DailyHistory, daily_histories
 from cellctl.report.figures import fixed
+from procedures.steps.daily.history import DailyCheck, DailyHistories, DailyHistory
 
 _NONE = "No daily check has finished in this folder of runs. `cellctl run daily_check` makes one."
 
 
-@ui.page("/daily")
-def daily(baseline_runs: int = 0) -> None:
-    """Histories of daily checks."""
-    with frame("Daily checks", "/daily"):
-        shown = _Daily(baseline_runs if baseline_runs >= 2 else None)
-        follow(shown.read)
-
-
 @final
-class _Daily:
-    """The chosen history. It is read again when a run has changed."""
+class DailyView:
+    """Shows the chosen history, with the chart of the chosen way in which the points move together."""
 
-    def __init__(self, baseline_runs: int | None) -> None:
-        self._baseline_runs = baseline_runs
+    def __init__(self) -> None:
         self._chosen, self._way = 0, ""
-        self._seen: Any = None
         self._area = ui.element("div").style("display: contents")
 
-    async def read(self) -> None:
-        """Read the histories in a thread, if a daily check has begun, ended or gone."""
-        now = [(row.run, row.state) for row in console().live.rows if SECTION in row.summary]
-        if now == self._seen:
-            return
-        self._seen = now
-        self._found = await asyncio.to_thread(daily_histories, console().runs, self._baseline_runs)
+    def __call__(self, found: DailyHistories) -> None:
+        """Show these histories from now on."""
+        self._found = found
         self._show()
 
     def _show(self) -> None:

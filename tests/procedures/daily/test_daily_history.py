@@ -9,7 +9,7 @@ import pytest
 from daily_checks import NOISE_MM, POINTS, check
 
 from cellctl.metrology import Signal
-from cellctl.operations.daily_history import DailyHistory, daily_histories
+from procedures.steps.daily.history import DailyHistory, daily_histories
 
 
 @pytest.fixture(scope="module")

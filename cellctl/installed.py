@@ -1,0 +1,160 @@
+"""What installed packages bring: objects by entry points, campaigns, and files of procedures, cells and robots by name.
+
+No other module finds shipped files. The simulators, which share no code with cellctl, find the robot files by the same
+rule (`sims/robot_file.py`).
+"""
+
+from __future__ import annotations
+
+import difflib
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal, Protocol, TypeVar, final
+
+from cellctl.files import InputError, Problem
+
+T = TypeVar("T")
+Kind = Literal["procedure", "cell", "robot"]
+
+CAMPAIGNS = "cellctl.campaigns"
+"""The entry point group: name = any, value = a `Campaigns`. The files of its package are the shipped ones."""
+
+_FOLDERS: dict[Kind, tuple[str, ...]] = {
+    "procedure": (".", "papers"),
+    "cell": ("cells", "papers/cells"),
+    "robot": ("robots",),
+}
+"""Folders of such a package that hold YAML files of this kind."""
+
+
+def contributions(group: str, kind: type[T], what: str, broken: list[str]) -> Iterator[tuple[str, T]]:
+    """Each object that is registered in an entry point group, with its label, by name.
+
+    What cannot be loaded, or is no `kind`, is added to `broken` as text. what: the noun of label and texts.
+    """
+    for name, value, point in sorted((point.name, point.value, point) for point in entry_points(group=group)):
+        label = f"{what} '{name}' ({value})"
+        try:
+            found = point.load()
+        except Exception as error:  # the code of another package may raise anything
+            broken.append(f"{label} cannot be loaded: {error}")
+            continue
+        if isinstance(found, kind):
+            yield label, found
+        else:
+            broken.append(f"{label} is no {kind.__name__}")
+
+
+class Compared(Protocol):
+    """The runs of a folder that were compared."""
+
+    def to_json(self) -> dict[str, Any]:
+        """What the route of the console's API answers."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class History:
+    """The runs of one kind of campaign, compared over time: a page of the console and a route of its API.
+
+    name: a field of the verdict that only these runs have (`VerdictRow.SECTION`); the page is `/name`, the route
+    `/api/name`. title: of the page, and in the navigation. about: the route's description. read: compares the runs
+    of a folder, in a thread; its number is of the first runs, which give the limits, None: as their procedure says.
+    view: is called for each page that is opened, in its content, and returns what shows that which `read` gave, again
+    after each change.
+    """
+
+    name: str
+    title: str
+    about: str
+    read: Callable[[Path, int | None], Compared]
+    view: Callable[[], Callable[[Any], None]]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Campaigns:
+    """What a package of campaigns states of them. first: the name of the procedure to offer first; empty: none."""
+
+    first: str = ""
+    histories: tuple[History, ...] = ()
+
+
+@cache
+def _campaigns() -> tuple[Campaigns, ...]:
+    """Of all installed packages; a warning names what cannot be used."""
+    broken: list[str] = []
+    found = tuple(each for _, each in contributions(CAMPAIGNS, Campaigns, "campaigns", broken))
+    for text in broken:
+        logging.getLogger(__name__).warning(text)
+    return found
+
+
+def histories() -> tuple[History, ...]:
+    """The histories of all installed campaigns."""
+    return tuple(history for each in _campaigns() for history in each.histories)
+
+
+def first_procedure() -> str:
+    """The name of the procedure to offer first; empty: no package states one."""
+    return next((each.first for each in _campaigns() if each.first), "")
+
+
+@cache
+def _folders() -> tuple[Path, ...]:
+    """Of the packages with campaigns, by name. They are not imported."""
+    names = sorted({point.module.partition(".")[0] for point in entry_points(group=CAMPAIGNS)})
+    specs = [spec for spec in map(find_spec, names) if spec]
+    return tuple(Path(place) for spec in specs for place in spec.submodule_search_locations or ())
+
+
+def shipped(kind: Kind) -> dict[str, Path]:
+    """Name → file of all shipped files of that kind, sorted by name in each folder; of two with one name the first.
+
+    A name is a file's name without folder and suffix.
+    """
+    found: dict[str, Path] = {}
+    for folder in (package / name for name in _FOLDERS[kind] for package in _folders()):
+        for file in sorted(folder.glob("*.yaml")):
+            found.setdefault(file.stem, file)
+    return found
+
+
+def shipped_file(kind: Kind, given: Path) -> Path:
+    """`given` itself if it is a path, else the shipped file of that name.
+
+    An existing file has priority; a text with a folder or a suffix is a path. The result is relative if the shipped
+    files are below the working folder. Raises InputError for a name that is neither a file nor shipped.
+    """
+    if given.is_file() or given.suffix or len(given.parts) != 1:
+        return given
+    names = shipped(kind)
+    if given.name not in names:
+        what = f"is no file, and no shipped {kind} has this name"
+        cure = near(given.name) if kind == "robot" else f"one of: {', '.join(names)}"
+        raise InputError(Problem(str(given), 0, 0, what, f"give a path, or {cure}"))
+    file, here = names[given.name], Path.cwd()
+    return file.relative_to(here) if file.is_relative_to(here) else file
+
+
+def robot_file(model: str, folder: Path) -> Path:
+    """The robot file that `model`, the text in a file in `folder`, means: a path from `folder`, or a library name.
+
+    An existing file has priority. A text that is neither is returned as a path from `folder`.
+    """
+    path = folder / model
+    return path if path.is_file() else shipped("robot").get(model, path)
+
+
+def near(name: str) -> str:
+    """A cure for an unknown robot `name`: names that begin like it, the nearest ones, the command that lists all."""
+    library = shipped("robot")
+    begin = [known for known in library if known.startswith(name.lower())]
+    found = list(dict.fromkeys([*begin, *difflib.get_close_matches(name.lower(), library, cutoff=0.5)]))[:3]
+    listed = "cellctl robots lists the library"
+    return f"did you mean {' or '.join(found)}? {listed}" if found else listed
