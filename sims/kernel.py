@@ -330,7 +330,8 @@ class Kernel:
         if wall < self._chores_at:
             return
         self._chores_at = wall + _CHORES_NS
-        gc.collect()
+        if not gc.isenabled():  # in `run`
+            gc.collect()
         for chore in self._chores:
             chore()
 

@@ -4,6 +4,7 @@ Hypothesis tries the same examples in every run, and measures no time: what pass
 To look for examples that nobody has tried yet: `pytest --hypothesis-profile explore`.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -38,6 +39,12 @@ def locks_of_this_worker(tmp_path_factory: pytest.TempPathFactory) -> None:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--long`: everything, that is, with what takes long."""
     parser.addoption("--long", action="store_true", help="run what takes long, too (about half an hour)")
+
+
+def pytest_collection_finish() -> None:
+    """Seven thousand tests and what they import stay to the end: the collector of garbage need not look at them."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

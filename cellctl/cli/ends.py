@@ -8,13 +8,12 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import typer
 
-from cellctl.devices.errors import DeviceBusy, DeviceError, DeviceUncertain, DeviceUnreachable
-from cellctl.files.problems import InputError
-from cellctl.journal.journal_file import JournalError
+if TYPE_CHECKING:  # `--help` does not wait for the journal
+    from cellctl.files.problems import InputError
 
 NOTHING_MOVED = "nothing was moved"
 SHOWN = 20
@@ -44,6 +43,9 @@ def adding(words: str) -> Iterator[None]:
 
     Verbs without motion add no words.
     """
+    from cellctl.devices.errors import DeviceBusy, DeviceUnreachable  # `--help` does not wait for them
+    from cellctl.files.problems import InputError  # as they
+
     try:
         yield
     except (InputError, DeviceUnreachable, DeviceBusy) as error:
@@ -68,7 +70,11 @@ def exit_code_of(call: Callable[[], object]) -> int:
 
 
 def _ended_by(error: Exception) -> int:
-    """Print `error` by its kind. The kinds are imported here, so that `--help` does not wait for them."""
+    """Print `error` by its kind."""
+    from cellctl.devices.errors import DeviceBusy, DeviceError, DeviceUncertain, DeviceUnreachable  # as in `adding`
+    from cellctl.files.problems import InputError  # as in `adding`
+    from cellctl.journal.journal_file import JournalError  # as in `adding`
+
     match error:
         case InputError():
             return _ended(errors_text(error), Exit.BAD_INPUT)

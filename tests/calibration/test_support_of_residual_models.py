@@ -18,7 +18,7 @@ from cellctl.calibration import (
 )
 from cellctl.calibration.residuals.harmonics import SLOW
 from cellctl.calibration.selection.folds import FIFTH, end_folds
-from cellctl.calibration.selection.ladder import climb
+from cellctl.calibration.selection.ladder import _Ladder, climb
 from cellctl.calibration.selection.model_error import WORSE_AT_END, Gain, worst_end
 from cellctl.formats import RobotFile
 from tests.studies import outside_the_joints as ur10
@@ -61,6 +61,24 @@ def test_the_worst_end_is_that_of_one_joint_less_its_standard_error():
     after[upper] = 1.5 + 0.2 * rng.choice([-1.0, 1.0], len(upper))
     found = worst_end(Folds((before, after)), q, (0, {}), (1, {}))
     assert found == pytest.approx(after[upper].mean() - 0.2 / np.sqrt(len(upper)), abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("range_rad", "fewer_terms", "chosen"),
+    [(1.0, 0.85, "fewer terms"), (1.0, 0.95, "all terms"), (1.0, 1.5, "all terms"), (0.0, 0.5, "all terms")],
+    ids=["better", "hardly better", "worse", "no joint moved"],
+)
+def test_at_the_ends_fewer_terms_have_to_be_a_tenth_better(range_rad, fewer_terms, chosen):
+    q = range_rad * np.random.default_rng(1).uniform(-1.0, 1.0, (400, 3))
+    ends = np.unique(np.concatenate(end_folds(q) or [np.zeros(0, int)]))
+    errors = np.full(400, 1.0), np.full(400, 2.0), np.full(400, 3.0)
+    errors[1][ends], errors[2][ends] = fewer_terms, 0.99 * fewer_terms
+    models = [
+        SimpleNamespace(name=name, place=place, logs={})
+        for place, name in enumerate(("all terms", "fewer terms", "none"))
+    ]
+    ladder = SimpleNamespace(rows=SimpleNamespace(q=q), folded=Folds(errors), _columns=lambda model: model.place)
+    assert _Ladder.best_at_the_ends(ladder, models).name == chosen
 
 
 def climbed(count, seed):

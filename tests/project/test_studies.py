@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.studies._runner import KEPT, Table, keep, load, main, write_into
+from tests.studies._runner import CODE, KEPT, Table, code_version, keep, load, main, write_into
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "papers.md"
@@ -78,7 +78,7 @@ def tiny(tmp_path):
 
 @pytest.mark.parametrize("ended_by", [signal.SIGINT, signal.SIGKILL])
 def test_a_study_goes_on_after_an_interruption_and_computes_no_row_twice(tiny, tmp_path, ended_by):
-    rows = tmp_path / "runs" / "studies" / "tiny.jsonl"
+    rows = tmp_path / "runs" / "studies" / CODE / "tiny.jsonl"
     interrupted = tiny()
     assert any("seed 2" in line for line in interrupted.stderr)
     os.killpg(interrupted.pid, ended_by)
@@ -94,7 +94,17 @@ def test_a_study_goes_on_after_an_interruption_and_computes_no_row_twice(tiny, t
     computed = (tmp_path / "computed").read_text().split()
     assert sorted(computed) in ([*"12345"], [*"123345"]), "the seed that was interrupted is begun again"
     assert sorted(row["seed"] for row in load(rows)) == [1, 2, 3, 4, 5]
-    assert {row["threads"] for row in load(rows)} == {"1"}
+    assert {(row["threads"], row["code"]) for row in load(rows)} == {("1", CODE)}
+
+
+def test_changed_code_has_rows_of_its_own(tmp_path):
+    source = tmp_path / "cellctl" / "a.py"
+    source.parent.mkdir()
+    source.write_text("A = 1\n")
+    before = code_version(tmp_path)
+    assert code_version(tmp_path) == before
+    source.write_text("A = 2\n")
+    assert code_version(tmp_path) != before
 
 
 def test_kept_computes_nothing(tiny, tmp_path):

@@ -1,13 +1,14 @@
 """What the studies share: arguments, units of work in processes, a row of a file for each, and tables from the rows.
 
-A unit is one seed of one case. Its row is appended to `runs/studies/NAME.jsonl` when it is finished; a later call
-computes only the units whose row is not there. Rows do not tell from which version of the code they are: delete the
-file, and the folder of the same name if there is one, to compute all again.
+A unit is one seed of one case. Its row is appended to `runs/studies/CODE/NAME.jsonl` when it is finished; a later call
+computes only the units whose row is not there. CODE stands for the sources, so that changed code begins anew; each row
+has it too.
 """
 
 from __future__ import annotations
 
 import ast
+import hashlib
 import json
 import os
 import pkgutil
@@ -24,8 +25,21 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ROWS = Path("runs", "studies")
-"""Rows of all studies, from the folder of the call."""
+
+def code_version(root: Path) -> str:
+    """The first digits of a SHA-256 of all that makes a row: the packages, the studies and what they use."""
+    digest = hashlib.sha256()
+    for folder in ("cellctl", "drivers", "procedures", "sims", "tests/helpers", "tests/studies"):
+        for file in sorted((root / folder).rglob("*")):
+            if file.suffix in {".py", ".yaml", ".xml", ".csv"}:
+                digest.update(f"{file.relative_to(root)} {file.stat().st_size}\n".encode())
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+CODE = code_version(Path(__file__).parents[2])
+ROWS = Path("runs", "studies", CODE)
+"""Rows of all studies by this code, from the folder of the call."""
 
 KEPT = Path(__file__).parent / "kept"
 """Rows that the repository keeps, from which a document's figures are."""
@@ -128,7 +142,7 @@ class Study:
 
 
 def _line(measure: Callable[..., Mapping[str, Any]], unit: Row) -> str:
-    return _json({**unit, **measure(**unit)})
+    return _json({**unit, **measure(**unit), "code": CODE})
 
 
 def _json(row: Row) -> str:

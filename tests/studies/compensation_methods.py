@@ -4,7 +4,7 @@ For each seed one calibration from the 160 poses of the paper on kriging in conf
 `compensate_and_verify` on the same simulated robot with each method, iterated and, where it iterates, by one pass as
 published. The simulated world tells the floor: the errors of a predictor that knows the true robot and the constant
 errors of the instrument, on the same noisy points. Prints a Markdown table. A study and no test: it judges nothing, but
-marks what misses the demands. Run folders stay in `runs/studies/compensation_methods`.
+marks what misses the demands. Run folders stay in `runs/studies/CODE/compensation_methods`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Runs `tracker_calibration` over the wires on geometric robots and on robots with every effect of the simulated world,
 and asks the simulated world what the instrument would have shown without noise. Prints Markdown tables. A study and no
-test: it judges nothing. Run folders stay in `runs/studies/tracker_cell`.
+test: it judges nothing. Run folders stay in `runs/studies/CODE/tracker_cell`.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from hashlib import sha256
 from typing import Any
 
@@ -18,6 +19,10 @@ from cellctl.procedure import CellContext, StepContext
 from procedures.steps.sphere.reference_touches import last_number
 from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow, TouchSet
 from procedures.steps.sphere.touching import TouchPlan
+
+_REMEMBERED = 8
+_PLANNED: dict[str, list[PlannedTouch]] = {}
+"""The last plans, by all that they follow from: what a check before the run plans, the run need not plan again."""
 
 
 def planned_touches(
@@ -58,20 +63,27 @@ def plan_on(
     targets = [target_of(artefact, sphere, centres or {}) for sphere in artefact.spheres]
     low, high = robot.limits().T
     postures = postures_of(context.cell, robot, "touch")
+    work = partial(
+        plan_touches,
+        robot.chain(),
+        robot.joint_map(),
+        reach or Reach(tuple(low.tolist()), tuple(high.tolist())),
+        RobotPostures(tuple(postures.home), tuple(map(tuple, postures.touch))),
+        targets,
+        [counts.get(target.name, 0) for target in targets],
+        seed,
+        options,
+        plate=plate_of(artefact),
+        reference_every=reference_every,
+        reference=reference,
+    )
+    key = repr((robot, work.args[2:], work.keywords))
     try:
-        return plan_touches(
-            robot.chain(),
-            robot.joint_map(),
-            reach or Reach(tuple(low.tolist()), tuple(high.tolist())),
-            RobotPostures(tuple(postures.home), tuple(map(tuple, postures.touch))),
-            targets,
-            [counts.get(target.name, 0) for target in targets],
-            seed,
-            options,
-            plate=plate_of(artefact),
-            reference_every=reference_every,
-            reference=reference,
-        )
+        if key not in _PLANNED:
+            while len(_PLANNED) >= _REMEMBERED:
+                _PLANNED.pop(next(iter(_PLANNED)))
+            _PLANNED[key] = work()
+        return list(_PLANNED[key])
     except OutOfReach as error:
         cure = "move the artefact to where the robot reaches all around it, or ask for fewer touches"
         raise InputError(context.cell.problem(("artefact",), str(error), cure)) from error
