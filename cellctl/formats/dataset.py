@@ -15,7 +15,7 @@ from typing import Any, Self, TypeAlias, final
 import numpy as np
 
 from cellctl.files import InputError, Problem, sha256_of, write_atomically
-from cellctl.files.kinds import DATA_SET, kind_of, refuse_other_kind
+from cellctl.files.kinds import DATA_SET, kind_of, read_bytes, refuse_other_kind
 from cellctl.formats.robot import RobotFile
 from cellctl.formats.spreadsheet_text import decoded, named, separator, with_points
 from cellctl.kinematics import Bools, Floats
@@ -55,11 +55,7 @@ class DataSet:
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a data set. Raises InputError where the file as a whole cannot be used; single bad rows are rejected."""
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            refuse_other_kind(path, DATA_SET)
-            raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+        data = read_bytes(path, DATA_SET)
         text = decoded(data, str(path))
         refuse_other_kind(path, DATA_SET, kind_of(text))
         return cls.parse(text, str(path), sha256_of(data))

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.spreadsheet_text import is_number
+from cellctl.formats.spreadsheet_text import is_number, stated_separator
 from cellctl.pendant_import._points import Raw, RawList, lines_of
 
 _SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
-_SEP_LINE = re.compile(r'\ufeff?"?sep=(.)"?\s*', re.IGNORECASE)
 _COMMENT = re.compile(r"^\s*//.*$|\s(?:#|//)\s.*$")
 _NUMBERS_IN_A_ROW = 3
 _ENOUGH = 500
@@ -46,8 +45,8 @@ class Cells:
 def cells_of(text: str, file: str) -> Cells:
     """The rows that are not empty. Raises InputError where no separator gives rows with three numbers."""
     lines = [(number, line) for number, line in enumerate(lines_of(text), 1) if line.strip()]
-    stated = _SEP_LINE.fullmatch(lines[0][1]) if lines else None
-    tried = [stated[1]] if stated else list(_SEPARATORS)
+    stated = stated_separator(lines[0][1].removeprefix("\ufeff")) if lines else None
+    tried = [stated] if stated else list(_SEPARATORS)
     lines = lines[bool(stated) :]
     good = {mark: sum(row.numbers >= _NUMBERS_IN_A_ROW for row in _rows(lines[:_ENOUGH], mark)) for mark in tried}
     mark = max(tried, key=lambda each: good[each])
