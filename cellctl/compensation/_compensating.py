@@ -24,7 +24,7 @@ from cellctl.compensation._corrections import (
     WithoutZeros,
 )
 from cellctl.kinematics import Bools, Floats, InverseResult, SerialChain, inverse, pose_difference
-from cellctl.kinematics.low_discrepancy import sobol
+from cellctl.kinematics.low_discrepancy import spread_over
 
 OUT_OF_REACH = "the target is out of the robot's reach"
 
@@ -276,8 +276,7 @@ def compensate(
 
 def _around(q: Floats) -> Floats:
     """256 postures (256, n) spread over a box around q (N, n), rad, the same each time."""
-    low, high = q.min(axis=0) - _NEAR_RAD, q.max(axis=0) + _NEAR_RAD
-    return np.asarray(low + sobol(len(low), scramble=False).random(256) * (high - low))
+    return spread_over(q.min(axis=0) - _NEAR_RAD, q.max(axis=0) + _NEAR_RAD, 256, scramble=False)
 
 
 def _method(name: str, identified: RobotModel | PredictedErrors) -> Method:

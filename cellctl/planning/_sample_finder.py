@@ -10,8 +10,16 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.kinematics import JointMap, SerialChain, inverse, rotation_vector
-from cellctl.kinematics.low_discrepancy import sobol
+from cellctl.kinematics import (
+    InverseResult,
+    JointMap,
+    SerialChain,
+    inverse,
+    inverse_from_all,
+    nearest_turn,
+    rotation_vector,
+)
+from cellctl.kinematics.low_discrepancy import spread_over
 from cellctl.planning._workspaces import Draw, JointRanges, TaskWorkspace, draw_of
 from cellctl.planning.measuring_poses import MeasuringArm, PoseOptions, Sight
 from cellctl.planning.touches import OutOfReach
@@ -45,7 +53,7 @@ class TargetOptions:
 Mask = NDArray[np.bool_]
 
 _STARTS, _PROBES, _TRIED = 64, 24, 8
-_TOLERANCE_MM, _TOLERANCE_RAD = 1e-6, 1e-9
+_TOLERANCES = {"tolerance_mm": 1e-6, "tolerance_rad": 1e-9}
 
 
 @final
@@ -70,10 +78,10 @@ class Configuration:
         the middle of the limits, in shares of their width.
         """
         probes = poses[:_PROBES]
-        spread = low + sobol(len(low), rng=rng).random(_STARTS) * (high - low)
-        found = cls(chain, joints, low, high, (low + high) / 2.0)._solved(probes[None, :4], spread[:, None])
-        flat, inside = found[0].reshape(-1, len(low)), found[1].reshape(-1)
-        candidates = flat[inside]
+        starts = joints.model(spread_over(low, high, _STARTS, rng=rng))
+        found = inverse_from_all(chain, probes[:4], starts, **_TOLERANCES)
+        readings, inside, _ = cls(chain, joints, low, high, (low + high) / 2.0)._within_limits(found)
+        candidates = readings[inside]
         if not len(candidates):
             return None
         from_middle = (candidates - (low + high) / 2.0) / np.maximum(high - low, 1e-9)
@@ -101,11 +109,11 @@ class Configuration:
         return readings, inside, reached & ~inside
 
     def _solved(self, poses: Array, start: Array) -> tuple[Array, Mask, Mask]:
-        found = inverse(
-            self._chain, poses, self._joints.model(start), tolerance_mm=_TOLERANCE_MM, tolerance_rad=_TOLERANCE_RAD
-        )
-        readings = self._joints.readings(found.q)
-        readings = self.near + (readings - self.near + 180.0) % 360.0 - 180.0
+        return self._within_limits(inverse(self._chain, poses, self._joints.model(start), **_TOLERANCES))
+
+    def _within_limits(self, found: InverseResult) -> tuple[Array, Mask, Mask]:
+        """Readings (..., n), deg, nearest to `near` or else a turn away; which (...) are usable; which are reached."""
+        readings = nearest_turn(self._joints.readings(found.q), self.near, 180.0)
         readings = readings - 360.0 * (readings > self._high) * (readings - 360.0 >= self._low)
         readings = readings + 360.0 * (readings < self._low) * (readings + 360.0 <= self._high)
         within = ((readings >= self._low) & (readings <= self._high)).all(axis=-1)
