@@ -30,7 +30,7 @@ from cellctl.facade.frames import (
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import DataSet, ModelFile, TableFile
 from cellctl.formats.table import Row
-from cellctl.formats.table_export import columns, compensated_records
+from cellctl.formats.table_export import compensated_records
 from cellctl.formats.table_making import target_rows
 from cellctl.formats.targets import Targets, read_targets
 from cellctl.kinematics import Bools, Floats
@@ -111,9 +111,8 @@ class Compensation:
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """The columns of that file in full precision, and `reason`; NaN where a target has no joints."""
         records = compensated_records(self.asked.model, list(self._rows))
-        unknown = columns(self.joints.shape[1])[6:]  # all but the target
         return columns_of(
-            {**record, **(dict.fromkeys(unknown, math.nan) if reason else {}), "reason": reason}
+            {**record, **(dict.fromkeys([*record][6:], math.nan) if reason else {}), "reason": reason}  # but the target
             for record, reason in zip(records, self.reasons, strict=True)
         )
 
