@@ -21,7 +21,6 @@ from typing import cast, final
 
 from threadpoolctl import threadpool_info
 
-from cellctl import __version__
 from cellctl.clock import Clock, WallClock, calendar_time
 from cellctl.devices import DeviceBusy, DeviceError, DeviceUncertain
 from cellctl.devices.cell import ClockMode
@@ -43,6 +42,7 @@ from cellctl.operations.campaign import Campaign
 from cellctl.operations.cell_devices import DeviceLocks, SimulatedCell, open_devices, tell_targets
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, never_began, new_run_folder, result_of, table_line
 from cellctl.procedure import section_of
+from cellctl.version import __version__
 
 _GROUPS = ("cellctl.devices", "cellctl.steps")
 _NAMED = 5
