@@ -197,6 +197,8 @@ BEYOND_LIMITS_DEG = 5.0
 BEYOND = 5e5
 """No number of a data set is larger: 500 m, where all lengths are mm. A larger one would dominate all other rows."""
 
+_MOST_JOINTS = 20
+
 MOST_RADIANS = 6.6
 """Readings beyond this, in most rows, are probably not radians: more than a turn."""
 
@@ -272,6 +274,16 @@ def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
         what = f"{names[joint]} is {readings[row, joint]:.6g}°, outside {limits.min:g}…{limits.max:g}°"
         sieve.reject(int(row), what)
     return readings
+
+
+def joints_of(data: DataSet) -> tuple[int, str]:
+    """Number and unit of the joints that a data set names: A1, A2, … (deg) or q1, q2, … (rad); (0, "") for none."""
+    for letter, unit in (("A", "deg"), ("q", "rad")):
+        names = (f"{letter}{number}" for number in range(1, _MOST_JOINTS + 1))
+        count = next((number for number, name in enumerate(names) if not data.has(name)), _MOST_JOINTS)
+        if count:
+            return count, unit
+    return 0, ""
 
 
 def _beyond_limits(robot: RobotFile, degrees: Floats) -> Bools:
