@@ -12,7 +12,7 @@ from canopen.emcy import EmcyError
 
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused
-from drivers.canopen_drives.description import CURRENTS
+from drivers.canopen_drives.place import CURRENTS
 
 HEARTBEAT_MS = 1000
 _ANSWER_S = 5.0
