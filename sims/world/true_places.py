@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from sims.cell import Artefact, Distance, Reflectors, Station
+from sims.cell_content import Artefact, Distance, Reflectors, Station
 from sims.world.errors import generator, unit_vector
 from sims.world.kinematics import Matrix, Vector, pose, turn, vector
 
