@@ -32,6 +32,23 @@ _SINGULAR = 0.02
 """Smallest singular value of the Jacobian, lengths in units of the reach, below which a posture is near a singularity:
 an error of 1 mm on an arm of a metre then asks for 3° of some joint."""
 
+RAD_PER_MM = 1e-3
+"""Tolerance of the orientation, rad, for one of 1 mm: equal at a metre from the TCP."""
+
+_ASTRAY = 4.0
+"""A pass may correct a joint by so many times the limit of the result: near a singularity the first one overshoots."""
+
+TOLERANCE_MM = 1e-6
+"""Distance left at the end by default, mm; a thousandth of it in rad is the orientation left."""
+
+MOST_PASSES = 20
+
+_NEAR_RAD = np.deg2rad(20.0)
+
+MOST_CORRECTION_DEG = 15.0
+"""Joints are corrected by tenths of a degree. One that is this far from its nominal angle is on another branch of the
+inverse, or the posture is at a singularity. What a cell allows is less."""
+
 
 def branch_reason(chain: SerialChain, q: Floats, correction: Floats, most_rad: float) -> str:
     """For a correction (n,), rad, of the posture q (n,) that is larger than `most_rad`."""
@@ -62,14 +79,6 @@ def _singularity(chain: SerialChain, q: Floats) -> str:
     share = np.abs(rows[last])
     names = ", ".join(f"A{joint + 1}" for joint in np.flatnonzero(share > 0.3 * share.max()))
     return f"; the posture is near a singularity ({names} turned together hardly move the tool)"
-
-
-RAD_PER_MM = 1e-3
-"""Tolerance of the orientation, rad, for one of 1 mm: equal at a metre from the TCP."""
-
-
-_ASTRAY = 4.0
-"""A pass may correct a joint by so many times the limit of the result: near a singularity the first one overshoots."""
 
 
 @final
@@ -168,18 +177,6 @@ def distances(left: Floats) -> Floats:
 def angles(left: Floats) -> Floats:
     """Length (...) of the rotation vectors of `left` (..., 6), rad."""
     return np.asarray(np.linalg.norm(left[..., 3:], axis=-1))
-
-
-TOLERANCE_MM = 1e-6
-"""Distance left at the end by default, mm; a thousandth of it in rad is the orientation left."""
-
-MOST_PASSES = 20
-
-_NEAR_RAD = np.deg2rad(20.0)
-
-MOST_CORRECTION_DEG = 15.0
-"""Joints are corrected by tenths of a degree. One that is this far from its nominal angle is on another branch of the
-inverse, or the posture is at a singularity. What a cell allows is less."""
 
 
 @final

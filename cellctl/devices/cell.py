@@ -21,6 +21,30 @@ from cellctl.files.kinds import CELL
 from cellctl.files.validated import validated
 from cellctl.robots import near, robot_file
 
+ARTEFACT = "artefact"
+"""The name of the artefact among devices, and in the uncertainties."""
+
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+_Sigma = Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)]
+
+ClockMode = Literal["realtime", "lockstep"]
+
+TABLE = "table"
+"""The name in `limits:` for compensation tables; it is not a device."""
+
+TABLE_CORRECTION_DEG = 2.0
+"""Default limit of a table's correction of a joint, deg: a robot of this class is within half a degree; rows near a
+singularity are not."""
+
+ONLINE_CORRECTION_DEG = 0.5
+"""Default limit of an on-line correction of a joint, deg, that of the driver."""
+
+_RESERVED = {
+    TABLE: f"'{TABLE}' in `limits:` stands for compensation tables",
+    **dict.fromkeys(("control", "time", "seed", "pid"), "the simulators' ready file has an entry of this name"),
+}
+"""Names that no device can have, each with the reason."""
+
 
 def reach_of(robot_file: Path) -> float | None:
     """The TCP's greatest distance from the first axis, mm: all links and the tool in one straight line, at most.
@@ -53,13 +77,6 @@ def _lengths(robot: dict[str, Any]) -> Iterator[float]:
         flange = robot["home"].get("xyz", (0.0, 0.0, 0.0))
         yield from (math.dist(a, b) for a, b in itertools.pairwise([*points, flange]))
     yield math.hypot(*(robot.get("tool") or {}).get("xyz", (0.0, 0.0, 0.0)))
-
-
-ARTEFACT = "artefact"
-"""The name of the artefact among devices, and in the uncertainties."""
-
-_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
-_Sigma = Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)]
 
 
 @final
@@ -111,25 +128,6 @@ def unknown_instruments(document: Document, facts: ReportFacts, devices: Collect
         for name in facts.calibrated
         if name not in known
     ]
-
-
-ClockMode = Literal["realtime", "lockstep"]
-
-TABLE = "table"
-"""The name in `limits:` for compensation tables; it is not a device."""
-
-TABLE_CORRECTION_DEG = 2.0
-"""Default limit of a table's correction of a joint, deg: a robot of this class is within half a degree; rows near a
-singularity are not."""
-
-ONLINE_CORRECTION_DEG = 0.5
-"""Default limit of an on-line correction of a joint, deg, that of the driver."""
-
-_RESERVED = {
-    TABLE: f"'{TABLE}' in `limits:` stands for compensation tables",
-    **dict.fromkeys(("control", "time", "seed", "pid"), "the simulators' ready file has an entry of this name"),
-}
-"""Names that no device can have, each with the reason."""
 
 
 class _Simulate(BaseModel):

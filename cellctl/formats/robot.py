@@ -21,6 +21,28 @@ _FORMS = {"mdh-hayati": ("links",), "dh-craig": ("links",), "poe": ("screws", "h
 PARALLEL_DEG = 1.0
 """Axes at a smaller angle to each other count as parallel."""
 
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Length = Annotated[float, Field(allow_inf_nan=False, ge=-20_000, le=20_000)]
+Angle = Annotated[float, Field(allow_inf_nan=False, ge=-360, le=360)]
+Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
+Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
+Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
+Direction = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+Text = Annotated[str, Field(min_length=1)]
+
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+UPRIGHT = (0.0, 0.0, -1.0)
+"""Direction of weight for a robot on the floor."""
+
+STANDING: dict[str, tuple[float, float, float]] = {
+    "floor": (0.0, 0.0, 0.0),
+    "wall": (0.0, 90.0, 0.0),
+    "ceiling": (0.0, 180.0, 0.0),
+}
+"""A, B, C, deg, of each name of a mounting; on a wall the base's X points down."""
+
 
 def form_problems(document: Document) -> list[Problem]:
     """Missing sections of the convention, and sections of another convention."""
@@ -108,19 +130,6 @@ def _axes(document: Document, robot: RobotFile) -> list[Problem]:
     ]
 
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Length = Annotated[float, Field(allow_inf_nan=False, ge=-20_000, le=20_000)]
-Angle = Annotated[float, Field(allow_inf_nan=False, ge=-360, le=360)]
-Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
-Triple = Annotated[list[Length], Field(min_length=3, max_length=3)]
-Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
-Direction = Annotated[list[Number], Field(min_length=3, max_length=3)]
-
-Text = Annotated[str, Field(min_length=1)]
-
-_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
 @final
 class LinkRow(BaseModel):
     """One row of the link table, mm and degrees. `beta` (even 0) in place of `d` where axes are near parallel."""
@@ -186,16 +195,6 @@ class Tilt(BaseModel):
         x, y, z = down
         return cls(tilt=[0.0, math.degrees(math.atan2(x, math.hypot(y, z))), math.degrees(math.atan2(-y, -z))])
 
-
-UPRIGHT = (0.0, 0.0, -1.0)
-"""Direction of weight for a robot on the floor."""
-
-STANDING: dict[str, tuple[float, float, float]] = {
-    "floor": (0.0, 0.0, 0.0),
-    "wall": (0.0, 90.0, 0.0),
-    "ceiling": (0.0, 180.0, 0.0),
-}
-"""A, B, C, deg, of each name of a mounting; on a wall the base's X points down."""
 
 Mounting: TypeAlias = Annotated[
     Annotated[Literal["floor", "wall", "ceiling"], Tag("word")] | Annotated[Tilt, Tag("angles")],

@@ -19,6 +19,50 @@ _NUMBERS_IN_A_ROW = 3
 _ENOUGH = 500
 """Lines that are tried with each separator."""
 
+LENGTHS = {
+    "mm": "mm", "millimeter": "mm", "millimetre": "mm", "cm": "cm", "m": "m", "meter": "m", "metre": "m",
+    "um": "um", "µm": "um", "μm": "um", "inch": "inch", "inches": "inch", "in": "inch", "zoll": "inch", '"': "inch",
+}  # fmt: skip
+ANGLES = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": "deg", "rad": "rad", "radian": "rad"}
+_UNITS = {**LENGTHS, **ANGLES}
+_BRACKETED = re.compile(r"(?P<words>.*?)\s*(?:\[\s*(?P<a>[^\]]+?)\s*\]|\(\s*(?P<b>[^)]+?)\s*\)|/\s*(?P<c>\S+?))\s*")
+_TRAILING = re.compile(r"(?P<words>.*?[^\W_])[\s_]+(?:in\s+)?(?P<a>mm|cm|um|µm|inch|deg|rad|°)\s*", re.IGNORECASE)
+_WORDS = re.compile(r"[a-zäöüßθσ]+|\d+", re.IGNORECASE)
+_NAMES = {
+    "name", "names", "nr", "no", "num", "number", "nummer", "punkt", "punktnummer", "punktname", "pkt", "pt", "point",
+    "points", "id", "label", "bezeichnung", "p",
+    "pos", "position", "messpunkt", "target", "targets", "feature",
+}  # fmt: skip
+_GROUPS = {"collection", "group", "gruppe"}
+_POSITION = {
+    "pos", "position", "coord", "coordinate", "koordinate", "wert", "value", "measured", "measurement", "meas",
+    "actual", "act", "ist", "gemessen", "messwert", "tracker", "tcp", "point", "punkt",
+}  # fmt: skip
+_JOINT = re.compile(r"(?:joint|achse|axis|gelenk|theta|θ|[ajq])[\s_.-]*(?:angle|pos|position|winkel)?[\s_.-]*(\d{1,2})")
+_ORIENTATION = {"A", "B", "C", "QW", "QX", "QY", "QZ", "RX", "RY", "RZ"}
+_REMARKS = {
+    "remark",
+    "remarks",
+    "bemerkung",
+    "bemerkungen",
+    "comment",
+    "comments",
+    "kommentar",
+    "note",
+    "notes",
+    "notiz",
+}
+_SIGMA = {"s", "sigma", "σ", "std", "stdev", "stddev", "standard", "standardabweichung"}
+_DEVIATION = {"dev", "deviation"}
+_UNCERTAINTY = {"u", "unc", "uncertainty", "uncertainties", "unsicherheit"}
+_ONE_WORD = re.compile(r"(?P<kind>sigma|std|unc|[suσ])(?P<axis>[xyz])", re.IGNORECASE)
+_TIMES = {"time", "stamp", "timestamp", "zeit", "uhrzeit", "zeitstempel", "measured", "measurement"}
+_DATES = {"date", "datum"}
+
+_NAMING = ("collection", "group", "name")
+"""Columns before the numbers of a table without headings, from the right."""
+_OPTIONAL = ("sX", "sY", "sZ", "UX", "UY", "UZ", "collection", "group", "date", "time")
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -80,47 +124,6 @@ def _row(number: int, line: str, mark: str) -> Row:
         cells.pop()
     numbers = sum(is_number(cell, spaced=mark not in ", ") for cell in cells)
     return Row(number, tuple(cells), numbers, comment[0].strip(" \t#/") if comment else "")
-
-
-LENGTHS = {
-    "mm": "mm", "millimeter": "mm", "millimetre": "mm", "cm": "cm", "m": "m", "meter": "m", "metre": "m",
-    "um": "um", "µm": "um", "μm": "um", "inch": "inch", "inches": "inch", "in": "inch", "zoll": "inch", '"': "inch",
-}  # fmt: skip
-ANGLES = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "grad": "deg", "rad": "rad", "radian": "rad"}
-_UNITS = {**LENGTHS, **ANGLES}
-_BRACKETED = re.compile(r"(?P<words>.*?)\s*(?:\[\s*(?P<a>[^\]]+?)\s*\]|\(\s*(?P<b>[^)]+?)\s*\)|/\s*(?P<c>\S+?))\s*")
-_TRAILING = re.compile(r"(?P<words>.*?[^\W_])[\s_]+(?:in\s+)?(?P<a>mm|cm|um|µm|inch|deg|rad|°)\s*", re.IGNORECASE)
-_WORDS = re.compile(r"[a-zäöüßθσ]+|\d+", re.IGNORECASE)
-_NAMES = {
-    "name", "names", "nr", "no", "num", "number", "nummer", "punkt", "punktnummer", "punktname", "pkt", "pt", "point",
-    "points", "id", "label", "bezeichnung", "p",
-    "pos", "position", "messpunkt", "target", "targets", "feature",
-}  # fmt: skip
-_GROUPS = {"collection", "group", "gruppe"}
-_POSITION = {
-    "pos", "position", "coord", "coordinate", "koordinate", "wert", "value", "measured", "measurement", "meas",
-    "actual", "act", "ist", "gemessen", "messwert", "tracker", "tcp", "point", "punkt",
-}  # fmt: skip
-_JOINT = re.compile(r"(?:joint|achse|axis|gelenk|theta|θ|[ajq])[\s_.-]*(?:angle|pos|position|winkel)?[\s_.-]*(\d{1,2})")
-_ORIENTATION = {"A", "B", "C", "QW", "QX", "QY", "QZ", "RX", "RY", "RZ"}
-_REMARKS = {
-    "remark",
-    "remarks",
-    "bemerkung",
-    "bemerkungen",
-    "comment",
-    "comments",
-    "kommentar",
-    "note",
-    "notes",
-    "notiz",
-}
-_SIGMA = {"s", "sigma", "σ", "std", "stdev", "stddev", "standard", "standardabweichung"}
-_DEVIATION = {"dev", "deviation"}
-_UNCERTAINTY = {"u", "unc", "uncertainty", "uncertainties", "unsicherheit"}
-_ONE_WORD = re.compile(r"(?P<kind>sigma|std|unc|[suσ])(?P<axis>[xyz])", re.IGNORECASE)
-_TIMES = {"time", "stamp", "timestamp", "zeit", "uhrzeit", "zeitstempel", "measured", "measurement"}
-_DATES = {"date", "datum"}
 
 
 @final
@@ -223,11 +226,6 @@ def _split_heading(text: str) -> tuple[str, str]:
             if unit.casefold() in _UNITS:
                 return found["words"], _UNITS[unit.casefold()]
     return text, ""
-
-
-_NAMING = ("collection", "group", "name")
-"""Columns before the numbers of a table without headings, from the right."""
-_OPTIONAL = ("sX", "sY", "sZ", "UX", "UY", "UZ", "collection", "group", "date", "time")
 
 
 @final

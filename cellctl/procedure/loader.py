@@ -37,6 +37,15 @@ _CALLED = {
     ParameterType.FLAG: "true or false",
 }
 
+_STEP = ("id", "do", "with", "timeout", "retry", "on_resume")
+_LOOP = ("id", "title", "for_each", "as", "steps")
+_IF = ("id", "if", "then", "else")
+_CONFIRM = ("id", "confirm", "timeout", "on_resume")
+
+_PROCEDURE = ("procedure", "title", "cell", "parameters", "interlocks", "steps", "cleanup")
+_PARAMETER = ("type", "default", "min", "max", "choices", "unit", "help")
+_INTERLOCK = ("id", "device", "condition", "on_break", "resume")
+
 
 def resolve_parameters(procedure: Procedure, settings: Sequence[str] = ()) -> dict[str, Any]:
     """Every parameter's value: from `settings` (`name=value` each), else its default.
@@ -143,12 +152,6 @@ def _allowed(parameter: Parameter) -> str:
     low = "" if parameter.min is None else f", {parameter.min:g}{unit} or more"
     high = "" if parameter.max is None else f", {parameter.max:g}{unit} at most"
     return f"give {_CALLED[parameter.type]}{low}{high}"
-
-
-_STEP = ("id", "do", "with", "timeout", "retry", "on_resume")
-_LOOP = ("id", "title", "for_each", "as", "steps")
-_IF = ("id", "if", "then", "else")
-_CONFIRM = ("id", "confirm", "timeout", "on_resume")
 
 
 def read_actions(findings: Findings, value: Any, at: Path) -> tuple[Action, ...]:
@@ -288,11 +291,6 @@ def _reference(findings: Findings, text: str, at: Path) -> Any:
         cure = "a reference is a whole value: ${name}, ${name.field} or ${name[3].x}; there are no expressions"
         findings.report(at, f"'{text}' is no reference", cure)
         return Reference("")
-
-
-_PROCEDURE = ("procedure", "title", "cell", "parameters", "interlocks", "steps", "cleanup")
-_PARAMETER = ("type", "default", "min", "max", "choices", "unit", "help")
-_INTERLOCK = ("id", "device", "condition", "on_break", "resume")
 
 
 def load_procedure(path: pathlib.Path) -> Procedure:

@@ -34,6 +34,23 @@ from procedures.steps.tracker.reflectors import NestsDisagree, check_plate
 from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TargetsRow, TurnRow
 from procedures.steps.tracker.station import reflector_at, robot_of, seen_from_instrument
 
+_LOOKS = 3
+"""How often a reflector that is not at rest is measured in one attempt."""
+
+_TILTED = "its compensator is out of its range: the last point is not corrected for the tilt, and is not recorded"
+_LEVEL = (
+    "level the instrument and stand it firmly; then resume: the nests show how far it moved. "
+    "If the poses have not begun, begin anew"
+)
+
+NEEDS = {"robot": MovingRobot, "tracker": PointSource}
+USES = {"plc": CellReadings, "drives": CurrentSource}
+
+NEAR_SHARE = 0.4
+"""Share of the transfer speed from the approach to the pose."""
+
+_CURRENT_SAMPLES = 10
+
 
 @final
 class ScaledCurrents:
@@ -59,16 +76,6 @@ def current_source(context: StepContext, axes: int) -> ScaledCurrents | None:
     settings = currents_of(context.cell, axes)
     device = context.device("robot") if settings.source == "robot" else context.optional_device("drives")
     return ScaledCurrents(device, settings) if device else None
-
-
-_LOOKS = 3
-"""How often a reflector that is not at rest is measured in one attempt."""
-
-_TILTED = "its compensator is out of its range: the last point is not corrected for the tilt, and is not recorded"
-_LEVEL = (
-    "level the instrument and stand it firmly; then resume: the nests show how far it moved. "
-    "If the poses have not begun, begin anew"
-)
 
 
 @final
@@ -107,13 +114,6 @@ async def settled_point(
     )
     cure = "does the robot vibrate, is the reflector loose, does warm air cross the beam? else raise scatter_limit"
     raise NotSettled(tracker.name, what, cure)
-
-
-NEEDS = {"robot": MovingRobot, "tracker": PointSource}
-USES = {"plc": CellReadings, "drives": CurrentSource}
-
-NEAR_SHARE = 0.4
-"""Share of the transfer speed from the approach to the pose."""
 
 
 class PointInputs(StepInputs):
@@ -254,9 +254,6 @@ async def _currents(context: StepContext, axes: int) -> MotorCurrents | None:
     """The motor currents on arrival, before the brakes close, from the source that the cell file names."""
     source = current_source(context, axes)
     return await source.currents(_CURRENT_SAMPLES) if source else None
-
-
-_CURRENT_SAMPLES = 10
 
 
 def _row(pose: PosePlan, fields: dict[str, Any]) -> Row:
