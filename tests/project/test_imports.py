@@ -18,7 +18,7 @@ import cellctl
 from cellctl.cli.verbs import VERBS
 
 PACKAGES = ("cellctl", "drivers", "procedures", "sims")
-MOST_IN_FUNCTIONS = 150
+MOST_IN_FUNCTIONS = 80
 SLOW = ("numpy", "scipy", "rich", "cellctl.calibration", "cellctl.formats")
 
 
