@@ -99,8 +99,8 @@ def targets_csv(table: TableFile) -> str:
                 **_pose(row.target),
                 **_axes(row.nominal, "nominal_"),
                 **_axes(row.compensated, "compensated_"),
+                **_figures(row),
             }
-            | _figures(row)
             for place, row in enumerate(table.rows, 1)
         ]
     )
@@ -114,8 +114,13 @@ def compensated_csv(model: ModelFile, rows: list[Row]) -> str:
 def compensated_records(model: ModelFile, rows: list[Row]) -> list[dict[str, float | None]]:
     """The lines of the CSV, by column; the target's six columns are the first."""
     return [
-        {**_pose(row.target), **_axes(row.compensated), **_pose(sent, "pseudo_"), **_axes(row.nominal, "nominal_")}
-        | _figures(row)
+        {
+            **_pose(row.target),
+            **_axes(row.compensated),
+            **_pose(sent, "pseudo_"),
+            **_axes(row.nominal, "nominal_"),
+            **_figures(row),
+        }
         for row, sent in zip(rows, _pseudo_targets(model, rows), strict=True)
     ]
 

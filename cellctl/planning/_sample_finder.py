@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _STARTS, _PROBES, _TRIED = 64, 24, 8
-_TOLERANCES = {"tolerance_mm": 1e-6, "tolerance_rad": 1e-9}
+_TOLERANCE_MM, _TOLERANCE_RAD = 1e-6, 1e-9
 
 _LEAST_BATCH, _BATCH = 64, 512
 _FRUITLESS, _LEAST_SHARE = 8192, 0.01
@@ -187,7 +187,7 @@ class Configuration:
         """
         probes = poses[:_PROBES]
         starts = joints.model(spread_over(low, high, _STARTS, rng=rng))
-        found = inverse_from_all(chain, probes[:4], starts, **_TOLERANCES)
+        found = inverse_from_all(chain, probes[:4], starts, tolerance_mm=_TOLERANCE_MM, tolerance_rad=_TOLERANCE_RAD)
         readings, inside, _ = cls(chain, joints, low, high, (low + high) / 2.0)._within_limits(found)
         candidates = readings[inside]
         if not len(candidates):
@@ -217,7 +217,9 @@ class Configuration:
         return readings, inside, reached & ~inside
 
     def _solved(self, poses: Array, start: Array) -> tuple[Array, Mask, Mask]:
-        return self._within_limits(inverse(self._chain, poses, self._joints.model(start), **_TOLERANCES))
+        begin = self._joints.model(start)
+        found = inverse(self._chain, poses, begin, tolerance_mm=_TOLERANCE_MM, tolerance_rad=_TOLERANCE_RAD)
+        return self._within_limits(found)
 
     def _within_limits(self, found: InverseResult) -> tuple[Array, Mask, Mask]:
         """Readings (..., n), deg, nearest to `near` or else a turn away; which (...) are usable; which are reached."""
