@@ -6,7 +6,7 @@ that `import cellctl` stays fast. Their types are in `__init__.pyi`.
 
 from importlib import import_module
 
-__version__ = "0.1.0"
+from cellctl.version import __version__
 
 __all__ = [
     "CompensatedProgram",

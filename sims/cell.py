@@ -3,143 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Any
 
 import yaml
 
+from sims.cell_content import (
+    ERRORS,
+    Artefact,
+    Distance,
+    FlangeReflector,
+    Nest,
+    Plate,
+    Reflectors,
+    SimCell,
+    Simulate,
+    Sphere,
+    Station,
+)
 from sims.conditions import Payload
 from sims.faults import Fault, FaultCatalogue, FaultError
-from sims.robot_file import Frame, RobotFile, Triple, read_robot, robot_path
+from sims.robot_file import Frame, RobotFile, read_robot, robot_path
 from sims.section import Section
-from sims.simulator import read_settings
+from sims.settings import read_settings
 from sims.simulators import BadSimulator, Simulators, installed
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Distance:
-    """A certified distance between two centres, with its 1 σ, mm."""
-
-    between: tuple[str, str]
-    mm: float
-    sigma: float
-
-
-def read_distances(section: Section, names: Iterable[str], of_what: str) -> tuple[Distance, ...]:
-    """The section's `distances:`, each between two of `names`; errors are noted in the section's problems."""
-    known = set(names)
-    return tuple(_distance(distance, known, of_what) for distance in section.each("distances"))
-
-
-def _distance(section: Section, names: set[str], of_what: str) -> Distance:
-    between = section.entries.get("between")
-    if not isinstance(between, list) or len(between) != 2 or any(str(name) not in names for name in between):
-        section.note("between", f"two of the {of_what} {', '.join(sorted(names))} are expected, not {between!r}")
-        between = ["", ""]
-    return Distance(
-        (str(between[0]), str(between[1])), section.number("mm", least=0.0), section.number("sigma", 0.0, 0.0)
-    )
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Nest:
-    """A monument nest with a reflector in it; rough place in the robot's base frame, mm."""
-
-    id: str
-    xyz: Triple
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Station:
-    """An instrument: its rough frame in the robot's base frame, its nests, certified distances between them."""
-
-    frame: Frame
-    search_mm: float = 40.0
-    nests: tuple[Nest, ...] = ()
-    distances: tuple[Distance, ...] = ()
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class FlangeReflector:
-    """A reflector on the robot: centre (mm) and the direction that it faces (any length but 0), flange frame."""
-
-    id: str
-    xyz: Triple
-    facing: Triple
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Reflectors:
-    """The reflectors on the robot. constant_mm: added to each distance; centring_mm: 1 σ.
-
-    acceptance_deg: half angle within which they reflect.
-    """
-
-    constant_mm: float = 0.0
-    centring_mm: float = 0.01
-    acceptance_deg: float = 30.0
-    on_flange: tuple[FlangeReflector, ...] = ()
-
-
-def read_station(section: Section) -> Station:
-    """Errors are noted in the section's problems."""
-    section.only(["xyz", "abc", "search_mm", "nests", "distances"])
-    nests = tuple(Nest(nest.word("id"), nest.triple("xyz")) for nest in section.each("nests"))
-    return Station(
-        frame=Frame(section.triple("xyz"), section.triple("abc")),
-        search_mm=section.number("search_mm", 40.0, 0.0),
-        nests=nests,
-        distances=read_distances(section, [nest.id for nest in nests], "nests"),
-    )
-
-
-def read_reflectors(section: Section) -> Reflectors:
-    """Errors are noted in the section's problems."""
-    section.only(["constant_mm", "centring_mm", "acceptance_deg", "on_flange"])
-    return Reflectors(
-        constant_mm=section.number("constant_mm", 0.0),
-        centring_mm=section.number("centring_mm", 0.01, 0.0),
-        acceptance_deg=section.number("acceptance_deg", 30.0, 0.0),
-        on_flange=tuple(_on_flange(one) for one in section.each("on_flange", required=True)),
-    )
-
-
-def _on_flange(section: Section) -> FlangeReflector:
-    facing = section.triple("facing")
-    if not any(facing):
-        section.note("facing", "a direction is expected, not all 0")
-        facing = (0.0, 0.0, 1.0)
-    return FlangeReflector(section.word("id"), section.triple("xyz"), facing)
-
-
-ERRORS = {
-    "geometry": 1.0,
-    "joint_zero": 1.0,
-    "tool": 1.0,
-    "deflection": 1.0,
-    "repeatability": 1.0,
-    "encoder": 1.0,
-    "placement": 1.0,
-    "servo": 1.0,
-    "wear": 0.0,
-    "warm_up": 0.0,
-    "compliance": 0.0,
-    "gear": 0.0,
-    "backlash": 0.0,
-    "expansion": 0.0,
-    "station": 1.0,
-    "reflector": 1.0,
-    "station_drift": 0.0,
-    "air": 0.0,
-    "friction_torsion": 0.0,
-}
-"""The kinds of error of the simulated cell → the default scale of each."""
 
 
 class CellError(Exception):
@@ -148,84 +35,6 @@ class CellError(Exception):
     def __init__(self, path: Path, problems: list[str], what: str = "this cell cannot be simulated") -> None:
         self.problems = problems
         super().__init__("\n".join([f"{path}: {what}", *(f"  {text}" for text in problems)]))
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Sphere:
-    """A calibration sphere: diameter and rough centre in the robot's base frame, mm."""
-
-    id: str
-    diameter: float
-    centre: Triple
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Plate:
-    """A horizontal plate at height `z` of the robot's base frame; the spheres' stems on it have `stem_radius`; mm."""
-
-    z: float
-    stem_radius: float
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Artefact:
-    """The objects that the tip touches; `tip_radius` in mm."""
-
-    tip_radius: float
-    spheres: tuple[Sphere, ...]
-    distances: tuple[Distance, ...]
-    plate: Plate | None = None
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Simulate:
-    """The `simulate:` section.
-
-    `errors`: kind → scale, all of `ERRORS`. `payload`: what the robot truly carries; None: as the cell's `load:` says.
-    `settings`: section of an installed simulator → its settings' values.
-    """
-
-    seed: int
-    clock: Literal["lockstep", "realtime"]
-    errors: dict[str, float]
-    settings: dict[str, dict[str, Any]]
-    faults: tuple[Fault, ...]
-    payload: Payload | None = None
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class SimCell:
-    """A cell to simulate. `addresses`: device → address as written. `home`: initial joints A1…An, deg.
-
-    `station`, `reflectors`: of a cell with an instrument that measures reflectors. `load`: what the file says that the
-    robot carries besides its tool.
-    """
-
-    path: Path
-    name: str
-    robot: RobotFile
-    addresses: dict[str, str]
-    artefact: Artefact
-    simulate: Simulate
-    home: tuple[float, ...] = ()
-    station: Station | None = None
-    reflectors: Reflectors | None = None
-    load: Payload | None = None
-
-    @property
-    def payload(self) -> Payload:
-        """What the robot truly carries besides its tool."""
-        return self.simulate.payload or self.load or Payload()
-
-    @property
-    def folder(self) -> Path:
-        """Where the cell file's paths start."""
-        return self.path.parent
 
 
 def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
@@ -266,6 +75,53 @@ def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
     if problems:
         raise CellError(path, problems)
     return found
+
+
+def read_distances(section: Section, names: Iterable[str], of_what: str) -> tuple[Distance, ...]:
+    """The section's `distances:`, each between two of `names`; errors are noted in the section's problems."""
+    known = set(names)
+    return tuple(_distance(distance, known, of_what) for distance in section.each("distances"))
+
+
+def _distance(section: Section, names: set[str], of_what: str) -> Distance:
+    between = section.entries.get("between")
+    if not isinstance(between, list) or len(between) != 2 or any(str(name) not in names for name in between):
+        section.note("between", f"two of the {of_what} {', '.join(sorted(names))} are expected, not {between!r}")
+        between = ["", ""]
+    return Distance(
+        (str(between[0]), str(between[1])), section.number("mm", least=0.0), section.number("sigma", 0.0, 0.0)
+    )
+
+
+def read_station(section: Section) -> Station:
+    """Errors are noted in the section's problems."""
+    section.only(["xyz", "abc", "search_mm", "nests", "distances"])
+    nests = tuple(Nest(nest.word("id"), nest.triple("xyz")) for nest in section.each("nests"))
+    return Station(
+        frame=Frame(section.triple("xyz"), section.triple("abc")),
+        search_mm=section.number("search_mm", 40.0, 0.0),
+        nests=nests,
+        distances=read_distances(section, [nest.id for nest in nests], "nests"),
+    )
+
+
+def read_reflectors(section: Section) -> Reflectors:
+    """Errors are noted in the section's problems."""
+    section.only(["constant_mm", "centring_mm", "acceptance_deg", "on_flange"])
+    return Reflectors(
+        constant_mm=section.number("constant_mm", 0.0),
+        centring_mm=section.number("centring_mm", 0.01, 0.0),
+        acceptance_deg=section.number("acceptance_deg", 30.0, 0.0),
+        on_flange=tuple(_on_flange(one) for one in section.each("on_flange", required=True)),
+    )
+
+
+def _on_flange(section: Section) -> FlangeReflector:
+    facing = section.triple("facing")
+    if not any(facing):
+        section.note("facing", "a direction is expected, not all 0")
+        facing = (0.0, 0.0, 1.0)
+    return FlangeReflector(section.word("id"), section.triple("xyz"), facing)
 
 
 def _home(section: Section, robot: RobotFile) -> tuple[float, ...]:

@@ -12,10 +12,10 @@ from functools import partial
 from typing import Any, final
 
 from sims.kernel import Kernel
-from sims.simulator import FaultKind
+from sims.settings import FaultKind
 
-SEARCH, SEARCH_END = "robot.search", "robot.search_end"
-"""The events that `search:` and `before_search:` mean."""
+MOVE, SEARCH, SEARCH_END = "robot.move", "robot.search", "robot.search_end"
+"""Events of a robot controller; `search:` and `before_search:` mean the last two."""
 
 WHEN = ("event", "search", "before_search", "at_ms")
 _COUNTS = {"count", "search", "before_search"}

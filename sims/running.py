@@ -17,7 +17,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO, final
 
-from sims.cell import CellError, SimCell, Simulate, read_cell
+from sims.cell import CellError, read_cell
+from sims.cell_content import SimCell, Simulate
 from sims.control import ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel, Mode

@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Any
 
-from sims.cell import ERRORS
+from sims.cell_content import ERRORS
 from sims.faults import WHEN
-from sims.simulator import FaultKind
+from sims.settings import FaultKind
 from sims.simulators import Simulators
 
 _COUNT = {"type": "integer", "minimum": 1}

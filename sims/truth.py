@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO, final
 
-from sims.cell import CellError, SimCell, read_cell
+from sims.cell import CellError, read_cell
+from sims.cell_content import SimCell
 from sims.conditions import REFERENCE_C, Conditions
 
 if TYPE_CHECKING:

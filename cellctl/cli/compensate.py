@@ -48,186 +48,8 @@ _TAUGHT = (
     "compensated, they would be wrong."
 )
 
-
-def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: dict[str, Any]) -> Iterator[str]:
-    """The lines for the terminal; figures: of the JSON."""
-    shift, turned, before, after = (
-        figures[name] for name in ("correction_mm", "correction_deg", "before_mm", "after_mm")
-    )
-    made, left = _count(figures["compensated"], "point"), _count(len(found.left), "place")
-    yield f"{found.program.src.name}: {made} compensated for a {figures['robot']}, {left} left unchanged."
-    yield (
-        f"The points shift by {shift['mean']:.3f} mm (mean; max {shift['max']:.3f}), "
-        f"joints by up to {turned['max']:.3f}°.\n"
-        f"Predicted error: {before['mean']:.3f} mm (mean; max {before['max']:.3f}) before, {after['mean']:.4f} mm "
-        f"(max {after['max']:.4f}) after."
-    )
-    yield from _path_words(paths, figures["path_tolerance_mm"])
-    for changed in found.changed.values():
-        if changed.turn:
-            yield f"{changed.written.name}: T {changed.turn[0]} becomes {changed.turn[1]}, as a joint crosses 0."
-    if found.left:
-        yield "Left as it was:"
-    for one in found.left[:SHOWN]:
-        yield f"  {found.file(one)}:{one.line}: {one.words}"
-    if len(found.left) > SHOWN:
-        yield f"  … and {len(found.left) - SHOWN} more (--json FILE has all)"
-    if figures["tool_shift_mm"] is None:
-        yield "The errors of the arm are corrected; the tool is taken from the program's data (--arm-only)."
-    else:
-        yield (
-            f"The identified tool is {figures['tool_shift_mm']:.3f} mm from the taught one; the points bring "
-            "the identified tool to the program's places."
-        )
-    yield _TAUGHT
-    written = ", ".join(figures["files"])
-    yield f"Written: {written}" if written else "Nothing was written: give -o FOLDER."
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-def _path_words(paths: Sequence[ProgramPath], tolerance: float) -> Iterator[str]:
-    judged = [path for path in paths if not path.reason]
-    if judged:
-        most = max(path.before_mm for path in judged), max(path.final_mm for path in judged)
-        yield (
-            f"Between the points, {len(judged)} LIN and CIRC: the tool leaves the wanted path by at most "
-            f"{most[1]:.3f} mm (before: {most[0]:.3f} mm); the tolerance is {tolerance:g} mm."
-        )
-    listed = [path for path in paths if path.reason or path.remarks or not path.final_mm <= tolerance or path.between]
-    for path in listed[:SHOWN]:
-        yield f"  line {path.move.line} {path.move.statement.kind}: {_path_state(path, tolerance)}"
-    if len(listed) > SHOWN:
-        yield f"  … and {len(listed) - SHOWN} more (--json FILE has all)"
-
-
-def _path_state(path: ProgramPath, tolerance: float) -> str:
-    if path.reason:
-        return f"not judged: {path.reason}"
-    words = [f"within {path.final_mm:.3f} mm"]
-    if path.between:
-        words.append(f"{_count(len(path.between.sent) - 1, 'point')} inserted")
-    elif path.bound_mm > tolerance:
-        words.append(path.undivided or "above the tolerance (--insert adds points between)")
-    return "; ".join([*words, *(remark for remark in path.remarks if remark != path.undivided)])
-
-
-def compensate_program(
-    model: Path,
-    program: Path,
-    method: str,
-    out: Path | None,
-    cell: Path | None,
-    json_: str | None,
-    options: ProgramOptions,
-) -> None:
-    """Compensate the points of `program` and write it to `out`. Raises InputError, also if no point can be changed;
-    ends with code 1 if some cannot.
-    """
-    refuse_method(method)
-    files = ProgramFiles.of(program, options.config)
-    outputs = files.outputs(out) if out else {}
-    new = out if out and is_new_folder(out) else None
-    written = {} if new else {f"--out ({part})": path for part, path in outputs.items()}
-    refuse_outputs({**written, "--json": json_}, [model, cell, *files.read])
-    place = CellRobot.load(cell) if cell else None
-    identified = ModelFile.load(model)
-    with refused_rows(json_):
-        found = compensate_files(identified, str(model), files, method, options, place)
-    texts = found.texts()
-    if new:
-        new.mkdir(exist_ok=True)
-    for part, path in outputs.items():
-        write_atomically(path, texts["src" if part == "src" else "dat"])
-    figures = found.figures(list(outputs.values()))
-    if json_ != "-":
-        for line in words_of(found.program, found.paths, figures):
-            typer.echo(line)
-    write_json(figures, json_)
-    if left := len(found.program.left):
-        what = "1 place is not compensated: it stays" if left == 1 else f"{left} places are not compensated: they stay"
-        typer.echo(f"cellctl: {program}: {what} as in the program", err=True)
-        raise typer.Exit(Exit.NOT_BETTER)
-
-
 _WIDTH = 120
 _SHOWN_PASSES = 5
-
-
-def compare(model: ModelFile, wanted: Targets, file: str, correction_deg: float, json_: str | None) -> None:
-    """Print every method's figures on the targets `wanted`, of `file`, or write them as JSON."""
-    found = compare_methods(model, wanted, file, correction_deg)
-    if json_ != "-":
-        _show(found, file)
-    write_json({"file": file, "targets": len(wanted.lines), "methods": [each.dump() for each in found]}, json_)
-
-
-def _show(found: Sequence[MethodFigures], file: str) -> None:
-    from rich.console import Console  # only for people: 0.1 s
-
-    console = Console(highlight=False)
-    console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but not truncate a figure
-    console.print(_accuracies(found))
-    if any(each.reached for each in found):
-        console.print()
-        console.print(_passes(found))
-    for words in _notes(found):
-        console.print(words, markup=False, soft_wrap=True)
-    named = list(dict.fromkeys(pair for each in found for pair in each.unreached))
-    for line, reason in named[:SHOWN]:
-        typer.echo(f"{file}:{line}: {reason}", err=True)
-    if len(named) > SHOWN:
-        typer.echo(f"… and {len(named) - SHOWN} more (--json names them all)", err=True)
-
-
-def _accuracies(found: Sequence[MethodFigures]) -> Table:
-    from rich.table import Table  # only for people: 0.1 s
-
-    table = Table(box=None, pad_edge=False)
-    table.add_column("predicted error", no_wrap=True)
-    figures = ("mean µm", "RMS", "max", "mean °")
-    passes = [f"{form}\n{figure}" for form in ("1 pass", "repeated") for figure in figures]
-    for column in ("reached", *passes, "µs per\ntarget"):
-        table.add_column(column, justify="right", no_wrap=True)
-    if before := next((each.before for each in found if each.before), None):
-        table.add_row("nominal joints", "", *_cells(before))
-    for each in found:
-        repeated = _cells(each.iterated) if each.repeats else ["–"] * 4
-        counts, spent = f"{each.reached}/{each.targets}", f"{1e6 * each.seconds_per_target:.0f}"
-        table.add_row(each.method, counts, *_cells(each.one_pass), *repeated, spent)
-    return table
-
-
-def _cells(accuracy: Accuracy | None) -> list[str]:
-    if accuracy is None:
-        return ["–"] * 4
-    lengths = [f"{1000.0 * accuracy.position_mm[name]:.4g}" for name in ("mean", "rms", "max")]
-    return [*lengths, f"{accuracy.orientation_deg['mean']:.2g}"]
-
-
-def _passes(found: Sequence[MethodFigures]) -> Table:
-    """Mean error before the first pass and after each: figure 5 of the comparison that the methods are from."""
-    from rich.table import Table  # only for people: 0.1 s
-
-    most = min(max((len(each.per_pass_mm) for each in found), default=0), _SHOWN_PASSES + 1)
-    table = Table(box=None, pad_edge=False)
-    table.add_column("mean error, µm, after pass", no_wrap=True)
-    for number in range(most):
-        table.add_column(str(number), justify="right", no_wrap=True)
-    for each in found:
-        if each.repeats:
-            table.add_row(each.method, *(f"{1000.0 * value:.3g}" for value in each.per_pass_mm[:most]))
-    return table
-
-
-def _notes(found: Sequence[MethodFigures]) -> Iterator[str]:
-    if names := [each.method for each in found if each.position_only]:
-        yield f"{', '.join(names)}: position only; the orientation is the nominal robot's."
-    if names := [each.method for each in found if not each.repeats]:
-        yield f"{', '.join(names)}: parameters in the controller; what is left is the rest of the model."
-
 
 __all__ = ["compensate"]
 
@@ -395,3 +217,179 @@ def _words(figures: dict[str, Any], out: Path) -> str:
         turned = figures["orientation_after_deg"]
         lines.append(f"Position only: the orientation is off by {turned['mean']:.3f}° (mean; max {turned['max']:.3f}).")
     return "\n".join(lines)
+
+
+def compensate_program(
+    model: Path,
+    program: Path,
+    method: str,
+    out: Path | None,
+    cell: Path | None,
+    json_: str | None,
+    options: ProgramOptions,
+) -> None:
+    """Compensate the points of `program` and write it to `out`. Raises InputError, also if no point can be changed;
+    ends with code 1 if some cannot.
+    """
+    refuse_method(method)
+    files = ProgramFiles.of(program, options.config)
+    outputs = files.outputs(out) if out else {}
+    new = out if out and is_new_folder(out) else None
+    written = {} if new else {f"--out ({part})": path for part, path in outputs.items()}
+    refuse_outputs({**written, "--json": json_}, [model, cell, *files.read])
+    place = CellRobot.load(cell) if cell else None
+    identified = ModelFile.load(model)
+    with refused_rows(json_):
+        found = compensate_files(identified, str(model), files, method, options, place)
+    texts = found.texts()
+    if new:
+        new.mkdir(exist_ok=True)
+    for part, path in outputs.items():
+        write_atomically(path, texts["src" if part == "src" else "dat"])
+    figures = found.figures(list(outputs.values()))
+    if json_ != "-":
+        for line in words_of(found.program, found.paths, figures):
+            typer.echo(line)
+    write_json(figures, json_)
+    if left := len(found.program.left):
+        what = "1 place is not compensated: it stays" if left == 1 else f"{left} places are not compensated: they stay"
+        typer.echo(f"cellctl: {program}: {what} as in the program", err=True)
+        raise typer.Exit(Exit.NOT_BETTER)
+
+
+def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: dict[str, Any]) -> Iterator[str]:
+    """The lines for the terminal; figures: of the JSON."""
+    shift, turned, before, after = (
+        figures[name] for name in ("correction_mm", "correction_deg", "before_mm", "after_mm")
+    )
+    made, left = _count(figures["compensated"], "point"), _count(len(found.left), "place")
+    yield f"{found.program.src.name}: {made} compensated for a {figures['robot']}, {left} left unchanged."
+    yield (
+        f"The points shift by {shift['mean']:.3f} mm (mean; max {shift['max']:.3f}), "
+        f"joints by up to {turned['max']:.3f}°.\n"
+        f"Predicted error: {before['mean']:.3f} mm (mean; max {before['max']:.3f}) before, {after['mean']:.4f} mm "
+        f"(max {after['max']:.4f}) after."
+    )
+    yield from _path_words(paths, figures["path_tolerance_mm"])
+    for changed in found.changed.values():
+        if changed.turn:
+            yield f"{changed.written.name}: T {changed.turn[0]} becomes {changed.turn[1]}, as a joint crosses 0."
+    if found.left:
+        yield "Left as it was:"
+    for one in found.left[:SHOWN]:
+        yield f"  {found.file(one)}:{one.line}: {one.words}"
+    if len(found.left) > SHOWN:
+        yield f"  … and {len(found.left) - SHOWN} more (--json FILE has all)"
+    if figures["tool_shift_mm"] is None:
+        yield "The errors of the arm are corrected; the tool is taken from the program's data (--arm-only)."
+    else:
+        yield (
+            f"The identified tool is {figures['tool_shift_mm']:.3f} mm from the taught one; the points bring "
+            "the identified tool to the program's places."
+        )
+    yield _TAUGHT
+    written = ", ".join(figures["files"])
+    yield f"Written: {written}" if written else "Nothing was written: give -o FOLDER."
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _path_words(paths: Sequence[ProgramPath], tolerance: float) -> Iterator[str]:
+    judged = [path for path in paths if not path.reason]
+    if judged:
+        most = max(path.before_mm for path in judged), max(path.final_mm for path in judged)
+        yield (
+            f"Between the points, {len(judged)} LIN and CIRC: the tool leaves the wanted path by at most "
+            f"{most[1]:.3f} mm (before: {most[0]:.3f} mm); the tolerance is {tolerance:g} mm."
+        )
+    listed = [path for path in paths if path.reason or path.remarks or not path.final_mm <= tolerance or path.between]
+    for path in listed[:SHOWN]:
+        yield f"  line {path.move.line} {path.move.statement.kind}: {_path_state(path, tolerance)}"
+    if len(listed) > SHOWN:
+        yield f"  … and {len(listed) - SHOWN} more (--json FILE has all)"
+
+
+def _path_state(path: ProgramPath, tolerance: float) -> str:
+    if path.reason:
+        return f"not judged: {path.reason}"
+    words = [f"within {path.final_mm:.3f} mm"]
+    if path.between:
+        words.append(f"{_count(len(path.between.sent) - 1, 'point')} inserted")
+    elif path.bound_mm > tolerance:
+        words.append(path.undivided or "above the tolerance (--insert adds points between)")
+    return "; ".join([*words, *(remark for remark in path.remarks if remark != path.undivided)])
+
+
+def compare(model: ModelFile, wanted: Targets, file: str, correction_deg: float, json_: str | None) -> None:
+    """Print every method's figures on the targets `wanted`, of `file`, or write them as JSON."""
+    found = compare_methods(model, wanted, file, correction_deg)
+    if json_ != "-":
+        _show(found, file)
+    write_json({"file": file, "targets": len(wanted.lines), "methods": [each.dump() for each in found]}, json_)
+
+
+def _show(found: Sequence[MethodFigures], file: str) -> None:
+    from rich.console import Console  # only for people: 0.1 s
+
+    console = Console(highlight=False)
+    console.width = max(console.width, _WIDTH)  # a narrow terminal may fold a line, but not truncate a figure
+    console.print(_accuracies(found))
+    if any(each.reached for each in found):
+        console.print()
+        console.print(_passes(found))
+    for words in _notes(found):
+        console.print(words, markup=False, soft_wrap=True)
+    named = list(dict.fromkeys(pair for each in found for pair in each.unreached))
+    for line, reason in named[:SHOWN]:
+        typer.echo(f"{file}:{line}: {reason}", err=True)
+    if len(named) > SHOWN:
+        typer.echo(f"… and {len(named) - SHOWN} more (--json names them all)", err=True)
+
+
+def _accuracies(found: Sequence[MethodFigures]) -> Table:
+    from rich.table import Table  # only for people: 0.1 s
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("predicted error", no_wrap=True)
+    figures = ("mean µm", "RMS", "max", "mean °")
+    passes = [f"{form}\n{figure}" for form in ("1 pass", "repeated") for figure in figures]
+    for column in ("reached", *passes, "µs per\ntarget"):
+        table.add_column(column, justify="right", no_wrap=True)
+    if before := next((each.before for each in found if each.before), None):
+        table.add_row("nominal joints", "", *_cells(before))
+    for each in found:
+        repeated = _cells(each.iterated) if each.repeats else ["–"] * 4
+        counts, spent = f"{each.reached}/{each.targets}", f"{1e6 * each.seconds_per_target:.0f}"
+        table.add_row(each.method, counts, *_cells(each.one_pass), *repeated, spent)
+    return table
+
+
+def _cells(accuracy: Accuracy | None) -> list[str]:
+    if accuracy is None:
+        return ["–"] * 4
+    lengths = [f"{1000.0 * accuracy.position_mm[name]:.4g}" for name in ("mean", "rms", "max")]
+    return [*lengths, f"{accuracy.orientation_deg['mean']:.2g}"]
+
+
+def _passes(found: Sequence[MethodFigures]) -> Table:
+    """Mean error before the first pass and after each: figure 5 of the comparison that the methods are from."""
+    from rich.table import Table  # only for people: 0.1 s
+
+    most = min(max((len(each.per_pass_mm) for each in found), default=0), _SHOWN_PASSES + 1)
+    table = Table(box=None, pad_edge=False)
+    table.add_column("mean error, µm, after pass", no_wrap=True)
+    for number in range(most):
+        table.add_column(str(number), justify="right", no_wrap=True)
+    for each in found:
+        if each.repeats:
+            table.add_row(each.method, *(f"{1000.0 * value:.3g}" for value in each.per_pass_mm[:most]))
+    return table
+
+
+def _notes(found: Sequence[MethodFigures]) -> Iterator[str]:
+    if names := [each.method for each in found if each.position_only]:
+        yield f"{', '.join(names)}: position only; the orientation is the nominal robot's."
+    if names := [each.method for each in found if not each.repeats]:
+        yield f"{', '.join(names)}: parameters in the controller; what is left is the rest of the model."

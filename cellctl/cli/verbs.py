@@ -13,8 +13,8 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group_from_info
 from typer.models import TyperInfo
 
-from cellctl import __version__
 from cellctl.cli.ends import Interrupted
+from cellctl.version import __version__
 
 for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: more linear algebra threads only add waiting
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")

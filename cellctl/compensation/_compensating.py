@@ -24,7 +24,7 @@ from cellctl.compensation._corrections import (
     WithoutZeros,
 )
 from cellctl.kinematics import Bools, Floats, InverseResult, SerialChain, inverse, pose_difference
-from cellctl.kinematics.low_discrepancy import sobol
+from cellctl.kinematics.low_discrepancy import spread_over
 
 OUT_OF_REACH = "the target is out of the robot's reach"
 
@@ -32,143 +32,11 @@ _SINGULAR = 0.02
 """Smallest singular value of the Jacobian, lengths in units of the reach, below which a posture is near a singularity:
 an error of 1 mm on an arm of a metre then asks for 3° of some joint."""
 
-
-def branch_reason(chain: SerialChain, q: Floats, correction: Floats, most_rad: float) -> str:
-    """For a correction (n,), rad, of the posture q (n,) that is larger than `most_rad`."""
-    joint = int(np.argmax(np.abs(correction)))
-    size, most = np.rad2deg([correction[joint], most_rad])
-    what = f"A{joint + 1} would be corrected by {size:+.1f}°, more than {most:g}°"
-    return what + _singularity(chain, q)
-
-
-def unreached_reason(chain: SerialChain, q: Floats, left_mm: float) -> str:
-    """For a target near the posture q (n,) whose pseudo-target the controller cannot reach."""
-    return f"the corrected target is out of the controller's reach: {left_mm:.3g} mm remain" + _singularity(chain, q)
-
-
-def rest_reason(chain: SerialChain, q: Floats, left_mm: float, left_rad: float, passes: int) -> str:
-    """For a target near the posture q (n,) that is not reached within tolerance after so many passes."""
-    left = f"{left_mm:.3g} mm and {np.rad2deg(left_rad):.3g}° remain after {passes} passes"
-    return f"the passes do not converge: {left}" + _singularity(chain, q)
-
-
-def _singularity(chain: SerialChain, q: Floats) -> str:
-    """The joints that hardly move the TCP when turned together; empty away from singularities."""
-    jacobian = chain.tool_jacobian(q) / np.array([max(chain.reach_mm, 1.0)] * 3 + [1.0] * 3)[:, None]
-    _, sizes, rows = np.linalg.svd(jacobian)
-    last = min(len(sizes), 6) - 1
-    if sizes[last] > _SINGULAR:
-        return ""
-    share = np.abs(rows[last])
-    names = ", ".join(f"A{joint + 1}" for joint in np.flatnonzero(share > 0.3 * share.max()))
-    return f"; the posture is near a singularity ({names} turned together hardly move the tool)"
-
-
 RAD_PER_MM = 1e-3
 """Tolerance of the orientation, rad, for one of 1 mm: equal at a metre from the TCP."""
 
-
 _ASTRAY = 4.0
 """A pass may correct a joint by so many times the limit of the result: near a singularity the first one overshoots."""
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Ends:
-    """When the passes for a target end.
-
-    tolerance_mm: at this distance (and `RAD_PER_MM` of it in rad); None: never. most: after so many passes. most_rad:
-    the largest correction of a joint in the result.
-    """
-
-    tolerance_mm: float | None
-    most: int
-    most_rad: float
-
-
-@final
-class Passes:
-    """All targets after the passes made so far.
-
-    q (N, n), rad: commanded joints. left (N, 6), mm and rad: predicted shift and rotation vector to the target.
-    history: `left` at the nominal joints and after each pass. reasons: why a target is not reached, or empty.
-    """
-
-    def __init__(
-        self, sender: SerialChain, robot: Predictor, method: Method, targets: Floats, first: InverseResult
-    ) -> None:
-        self._sender, self._robot, self._method, self._targets, self._first = sender, robot, method, targets, first
-        self._now = Pass(first.q.copy(), targets.copy(), first.converged)
-        self.q = first.q.copy()
-        self.left = pose_difference(targets, robot.pose(first.q + robot.zeros))
-        self.history = [self.left.copy()]
-        self.reasons = ["" if reached else OUT_OF_REACH for reached in first.converged.tolist()]
-
-    def make(self, ends: Ends) -> None:
-        """Make passes until every target is at its end."""
-        open_ = self._first.converged & ~self._within(ends)
-        for _ in range(ends.most):
-            if not open_.any():
-                break
-            rows = np.flatnonzero(open_)
-            open_[rows] = self._pass(rows, ends)
-            open_ &= ~self._within(ends)
-            self.history.append(self.left.copy())
-        if ends.tolerance_mm is not None:
-            for row in np.flatnonzero(open_).tolist():
-                self.reasons[row] = self._rest(row, ends)
-        change = self.q - self._first.q
-        for row in np.flatnonzero(np.abs(change).max(axis=1, initial=0.0) > ends.most_rad).tolist():
-            self.reasons[row] = self.reasons[row] or self._far(row, change[row], ends)
-
-    def _pass(self, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]], ends: Ends) -> Bools:
-        """One pass of the targets `rows`; which of them may have another. The nearest joints so far are kept."""
-        step = self._method.correction(self._sender, self._robot, self._targets[rows], self._now.pick(rows))
-        q, left = step.q - self._robot.zeros, pose_difference(self._targets[rows], self._robot.pose(step.q))
-        change = q - self._first.q[rows]
-        small = np.abs(change).max(axis=1) <= _ASTRAY * ends.most_rad
-        good = np.asarray(step.reached & small)
-        for place in np.flatnonzero(~good).tolist():
-            row = int(rows[place])
-            if step.reached[place]:
-                self.reasons[row] = self._far(row, change[place], ends)
-            else:
-                self.reasons[row] = unreached_reason(self._sender, self._first.q[row], self._millimetres(row))
-        self._now.q[rows[good]], self._now.pseudo[rows[good]] = step.q[good], step.pseudo[good]
-        nearer = good & ((self._size(left) < self._size(self.left[rows])) | (ends.tolerance_mm is None))
-        self.q[rows[nearer]], self.left[rows[nearer]] = q[nearer], left[nearer]
-        return good
-
-    def _within(self, ends: Ends) -> Bools:
-        if ends.tolerance_mm is None:
-            return np.zeros(len(self.left), bool)
-        turned = angles(self.left) <= RAD_PER_MM * ends.tolerance_mm
-        return np.asarray((distances(self.left) <= ends.tolerance_mm) & (turned | self._method.position_only))
-
-    def _size(self, left: Floats) -> Floats:
-        turned = 0.0 if self._method.position_only else angles(left) / RAD_PER_MM
-        return np.asarray(distances(left) + turned)
-
-    def _rest(self, row: int, ends: Ends) -> str:
-        angle = 0.0 if self._method.position_only else float(angles(self.left[row]))
-        return rest_reason(self._sender, self._first.q[row], self._millimetres(row), angle, ends.most)
-
-    def _far(self, row: int, change: Floats, ends: Ends) -> str:
-        return branch_reason(self._sender, self._first.q[row], change, ends.most_rad)
-
-    def _millimetres(self, row: int) -> float:
-        return float(distances(self.left[row]))
-
-
-def distances(left: Floats) -> Floats:
-    """Length (...) of the shifts of `left` (..., 6), mm."""
-    return np.asarray(np.linalg.norm(left[..., :3], axis=-1))
-
-
-def angles(left: Floats) -> Floats:
-    """Length (...) of the rotation vectors of `left` (..., 6), rad."""
-    return np.asarray(np.linalg.norm(left[..., 3:], axis=-1))
-
 
 TOLERANCE_MM = 1e-6
 """Distance left at the end by default, mm; a thousandth of it in rad is the orientation left."""
@@ -276,8 +144,7 @@ def compensate(
 
 def _around(q: Floats) -> Floats:
     """256 postures (256, n) spread over a box around q (N, n), rad, the same each time."""
-    low, high = q.min(axis=0) - _NEAR_RAD, q.max(axis=0) + _NEAR_RAD
-    return np.asarray(low + sobol(len(low), scramble=False).random(256) * (high - low))
+    return spread_over(q.min(axis=0) - _NEAR_RAD, q.max(axis=0) + _NEAR_RAD, 256, scramble=False)
 
 
 def _method(name: str, identified: RobotModel | PredictedErrors) -> Method:
@@ -304,3 +171,132 @@ def _check_frames(controller: SerialChain, identified: RobotModel) -> None:
     frames = ((controller.base, identified.chain.base), (controller.tool, identified.chain.tool))
     if not all(np.allclose(ours, theirs, atol=1e-9) for ours, theirs in frames):
         raise ValueError("base or tool of the nominal and the identified robot count from different poses")
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """When the passes for a target end.
+
+    tolerance_mm: at this distance (and `RAD_PER_MM` of it in rad); None: never. most: after so many passes. most_rad:
+    the largest correction of a joint in the result.
+    """
+
+    tolerance_mm: float | None
+    most: int
+    most_rad: float
+
+
+@final
+class Passes:
+    """All targets after the passes made so far.
+
+    q (N, n), rad: commanded joints. left (N, 6), mm and rad: predicted shift and rotation vector to the target.
+    history: `left` at the nominal joints and after each pass. reasons: why a target is not reached, or empty.
+    """
+
+    def __init__(
+        self, sender: SerialChain, robot: Predictor, method: Method, targets: Floats, first: InverseResult
+    ) -> None:
+        self._sender, self._robot, self._method, self._targets, self._first = sender, robot, method, targets, first
+        self._now = Pass(first.q.copy(), targets.copy(), first.converged)
+        self.q = first.q.copy()
+        self.left = pose_difference(targets, robot.pose(first.q + robot.zeros))
+        self.history = [self.left.copy()]
+        self.reasons = ["" if reached else OUT_OF_REACH for reached in first.converged.tolist()]
+
+    def make(self, ends: Ends) -> None:
+        """Make passes until every target is at its end."""
+        open_ = self._first.converged & ~self._within(ends)
+        for _ in range(ends.most):
+            if not open_.any():
+                break
+            rows = np.flatnonzero(open_)
+            open_[rows] = self._pass(rows, ends)
+            open_ &= ~self._within(ends)
+            self.history.append(self.left.copy())
+        if ends.tolerance_mm is not None:
+            for row in np.flatnonzero(open_).tolist():
+                self.reasons[row] = self._rest(row, ends)
+        change = self.q - self._first.q
+        for row in np.flatnonzero(np.abs(change).max(axis=1, initial=0.0) > ends.most_rad).tolist():
+            self.reasons[row] = self.reasons[row] or self._far(row, change[row], ends)
+
+    def _pass(self, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]], ends: Ends) -> Bools:
+        """One pass of the targets `rows`; which of them may have another. The nearest joints so far are kept."""
+        step = self._method.correction(self._sender, self._robot, self._targets[rows], self._now.pick(rows))
+        q, left = step.q - self._robot.zeros, pose_difference(self._targets[rows], self._robot.pose(step.q))
+        change = q - self._first.q[rows]
+        small = np.abs(change).max(axis=1) <= _ASTRAY * ends.most_rad
+        good = np.asarray(step.reached & small)
+        for place in np.flatnonzero(~good).tolist():
+            row = int(rows[place])
+            if step.reached[place]:
+                self.reasons[row] = self._far(row, change[place], ends)
+            else:
+                self.reasons[row] = unreached_reason(self._sender, self._first.q[row], self._millimetres(row))
+        self._now.q[rows[good]], self._now.pseudo[rows[good]] = step.q[good], step.pseudo[good]
+        nearer = good & ((self._size(left) < self._size(self.left[rows])) | (ends.tolerance_mm is None))
+        self.q[rows[nearer]], self.left[rows[nearer]] = q[nearer], left[nearer]
+        return good
+
+    def _within(self, ends: Ends) -> Bools:
+        if ends.tolerance_mm is None:
+            return np.zeros(len(self.left), bool)
+        turned = angles(self.left) <= RAD_PER_MM * ends.tolerance_mm
+        return np.asarray((distances(self.left) <= ends.tolerance_mm) & (turned | self._method.position_only))
+
+    def _size(self, left: Floats) -> Floats:
+        turned = 0.0 if self._method.position_only else angles(left) / RAD_PER_MM
+        return np.asarray(distances(left) + turned)
+
+    def _rest(self, row: int, ends: Ends) -> str:
+        angle = 0.0 if self._method.position_only else float(angles(self.left[row]))
+        return rest_reason(self._sender, self._first.q[row], self._millimetres(row), angle, ends.most)
+
+    def _far(self, row: int, change: Floats, ends: Ends) -> str:
+        return branch_reason(self._sender, self._first.q[row], change, ends.most_rad)
+
+    def _millimetres(self, row: int) -> float:
+        return float(distances(self.left[row]))
+
+
+def distances(left: Floats) -> Floats:
+    """Length (...) of the shifts of `left` (..., 6), mm."""
+    return np.asarray(np.linalg.norm(left[..., :3], axis=-1))
+
+
+def angles(left: Floats) -> Floats:
+    """Length (...) of the rotation vectors of `left` (..., 6), rad."""
+    return np.asarray(np.linalg.norm(left[..., 3:], axis=-1))
+
+
+def branch_reason(chain: SerialChain, q: Floats, correction: Floats, most_rad: float) -> str:
+    """For a correction (n,), rad, of the posture q (n,) that is larger than `most_rad`."""
+    joint = int(np.argmax(np.abs(correction)))
+    size, most = np.rad2deg([correction[joint], most_rad])
+    what = f"A{joint + 1} would be corrected by {size:+.1f}°, more than {most:g}°"
+    return what + _singularity(chain, q)
+
+
+def unreached_reason(chain: SerialChain, q: Floats, left_mm: float) -> str:
+    """For a target near the posture q (n,) whose pseudo-target the controller cannot reach."""
+    return f"the corrected target is out of the controller's reach: {left_mm:.3g} mm remain" + _singularity(chain, q)
+
+
+def rest_reason(chain: SerialChain, q: Floats, left_mm: float, left_rad: float, passes: int) -> str:
+    """For a target near the posture q (n,) that is not reached within tolerance after so many passes."""
+    left = f"{left_mm:.3g} mm and {np.rad2deg(left_rad):.3g}° remain after {passes} passes"
+    return f"the passes do not converge: {left}" + _singularity(chain, q)
+
+
+def _singularity(chain: SerialChain, q: Floats) -> str:
+    """The joints that hardly move the TCP when turned together; empty away from singularities."""
+    jacobian = chain.tool_jacobian(q) / np.array([max(chain.reach_mm, 1.0)] * 3 + [1.0] * 3)[:, None]
+    _, sizes, rows = np.linalg.svd(jacobian)
+    last = min(len(sizes), 6) - 1
+    if sizes[last] > _SINGULAR:
+        return ""
+    share = np.abs(rows[last])
+    names = ", ".join(f"A{joint + 1}" for joint in np.flatnonzero(share > 0.3 * share.max()))
+    return f"; the posture is near a singularity ({names} turned together hardly move the tool)"

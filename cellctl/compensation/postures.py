@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.kinematics import Floats, JointMap, SerialChain, inverse
+from cellctl.kinematics import Floats, JointMap, SerialChain, inverse_from_all, nearest_turn
 from cellctl.kinematics.controller_readings import status_of
-from cellctl.kinematics.low_discrepancy import sobol
+from cellctl.kinematics.low_discrepancy import spread_over
 
 _TRIES = 24
 """Starts for each target; a wrist robot has up to eight postures for one."""
-
-_TURN = 2.0 * np.pi
 
 
 def postures(chain: SerialChain, targets: ArrayLike, low: ArrayLike, high: ArrayLike) -> Floats:
@@ -24,8 +22,8 @@ def postures(chain: SerialChain, targets: ArrayLike, low: ArrayLike, high: Array
     goals, lower, upper = np.asarray(targets, float), np.asarray(low, float), np.asarray(high, float)
     middle, half = (lower + upper) / 2.0, np.maximum((upper - lower) / 2.0, 1e-9)
     shares = np.concatenate([np.zeros((1, chain.n)), np.random.default_rng(0).uniform(-0.9, 0.9, (_TRIES, chain.n))])
-    found = inverse(chain, goals[None], (middle + half * shares)[:, None], tolerance_mm=1e-6, tolerance_rad=1e-9)
-    q = middle + (found.q - middle + np.pi) % _TURN - np.pi
+    found = inverse_from_all(chain, goals, middle + half * shares, tolerance_mm=1e-6, tolerance_rad=1e-9)
+    q = nearest_turn(found.q, middle, np.pi)
     share = np.abs(q - middle) / half
     usable = found.converged & (share <= 1.0).all(axis=-1)
     cost = np.where(usable, np.sum(share**2, axis=-1), np.inf)
@@ -56,8 +54,8 @@ def stated_posture(
 
     status, turn: as KUKA controllers number them; None: any. Of several postures the one nearest to `near` (n,), deg.
     """
-    starts = np.vstack([near, limits[:, 0] + sobol(len(limits), seed=0).random(_STARTS) * np.ptp(limits, axis=1)])
-    found = inverse(chain, target[None], joints.model(starts), tolerance_mm=1e-7, tolerance_rad=1e-10)
+    starts = np.vstack([near, spread_over(limits[:, 0], limits[:, 1], _STARTS, seed=0)])
+    found = inverse_from_all(chain, target[None], joints.model(starts), tolerance_mm=1e-7, tolerance_rad=1e-10)
     readings = _with_whole_turns(joints.readings(found.q[found.converged]), limits, near, turn)
     if status is not None and len(readings):
         readings = readings[status_of(chain, joints, readings) == status & _STATUS_BITS]

@@ -15,7 +15,6 @@ from pathlib import Path
 from fastapi import FastAPI
 from starlette.types import ASGIApp
 
-from cellctl import __version__
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
 from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
 from cellctl.console.live import LiveRuns
@@ -23,6 +22,7 @@ from cellctl.console.look import CSS
 from cellctl.console.scene.points import installed_sources
 from cellctl.console.shared import Audit, Console, Settings, use
 from cellctl.files import InputError, Problem
+from cellctl.version import __version__
 
 ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses")
 """Modules of `cellctl.console.api` with a `router`."""

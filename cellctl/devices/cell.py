@@ -21,97 +21,11 @@ from cellctl.files.kinds import CELL
 from cellctl.files.validated import validated
 from cellctl.installed import near, robot_file
 
-
-def reach_of(robot_file: Path) -> float | None:
-    """The TCP's greatest distance from the first axis, mm: all links and the tool in one straight line, at most.
-
-    Never less than the true reach. None if the file cannot be read or has no such lengths; loading it as a
-    robot file reports its errors.
-    """
-    try:
-        data = load_yaml(robot_file).data
-        return sum(_lengths(data)) or None
-    except (InputError, AttributeError, KeyError, TypeError, ValueError):
-        return None
-
-
-def axes_of(robot_file: Path) -> int | None:
-    """The number of the robot's axes; None if the file cannot be read or is no robot file."""
-    try:
-        data = load_yaml(robot_file).data
-        return len(data.get("links") or data["screws"])
-    except (InputError, AttributeError, KeyError, TypeError):
-        return None
-
-
-def _lengths(robot: dict[str, Any]) -> Iterator[float]:
-    """Length of each piece from the base to the TCP, mm."""
-    for link in robot.get("links", ()):
-        yield math.hypot(link.get("a", 0.0), link.get("d", 0.0))
-    points = [screw["point"] for screw in robot.get("screws", ())]
-    if points:
-        flange = robot["home"].get("xyz", (0.0, 0.0, 0.0))
-        yield from (math.dist(a, b) for a, b in itertools.pairwise([*points, flange]))
-    yield math.hypot(*(robot.get("tool") or {}).get("xyz", (0.0, 0.0, 0.0)))
-
-
 ARTEFACT = "artefact"
 """The name of the artefact among devices, and in the uncertainties."""
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 _Sigma = Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)]
-
-
-@final
-class Calibrated(BaseModel):
-    """The last calibration of an instrument or of the artefact: date (ISO 8601), certificate.
-
-    serial: of the artefact, or of an instrument that does not report the right one.
-    """
-
-    model_config = _STRICT
-    date: str
-    certificate: str = ""
-    serial: str = ""
-
-    @field_validator("date")
-    @classmethod
-    def _is_date(cls, value: str) -> str:
-        try:
-            return datetime.date.fromisoformat(value).isoformat()
-        except ValueError:
-            raise ValueError(f"'{value}' is no date; write it as 2026-03-01") from None
-
-
-@final
-class ReportFacts(BaseModel):
-    """Customer, site, order and operator; "" where they are not stated. limit_mm: the acceptance limit of an error.
-
-    calibrated: device name, or `artefact` → its last calibration. sigma_mm: source → standard uncertainty (type B) of a
-    measured error, mm: along the normal for touches, 3-D for points; `artefact` and `temperature` among the sources.
-    """
-
-    model_config = _STRICT
-    customer: str = ""
-    site: str = ""
-    order: str = ""
-    operator: str = ""
-    limit_mm: Annotated[float, Field(allow_inf_nan=False, gt=0)] | None = None
-    calibrated: dict[str, Calibrated] = {}
-    sigma_mm: dict[str, _Sigma] = {}
-
-
-def unknown_instruments(document: Document, facts: ReportFacts, devices: Collection[str]) -> list[Problem]:
-    """A problem for each name under `calibrated` that is no device and not the artefact."""
-    known = [*devices, ARTEFACT]
-    return [
-        document.problem(
-            ("report", "calibrated", name), f"there is no device '{name}'", f"known are {', '.join(known)}", key=True
-        )
-        for name in facts.calibrated
-        if name not in known
-    ]
-
 
 ClockMode = Literal["realtime", "lockstep"]
 
@@ -247,6 +161,90 @@ def _kind(value: Any) -> str:
     """The kind of a YAML value, as text."""
     words = {list: "a list", str: "text", type(None): "empty"}
     return words.get(type(value), f"a single value ({value})")
+
+
+@final
+class Calibrated(BaseModel):
+    """The last calibration of an instrument or of the artefact: date (ISO 8601), certificate.
+
+    serial: of the artefact, or of an instrument that does not report the right one.
+    """
+
+    model_config = _STRICT
+    date: str
+    certificate: str = ""
+    serial: str = ""
+
+    @field_validator("date")
+    @classmethod
+    def _is_date(cls, value: str) -> str:
+        try:
+            return datetime.date.fromisoformat(value).isoformat()
+        except ValueError:
+            raise ValueError(f"'{value}' is no date; write it as 2026-03-01") from None
+
+
+@final
+class ReportFacts(BaseModel):
+    """Customer, site, order and operator; "" where they are not stated. limit_mm: the acceptance limit of an error.
+
+    calibrated: device name, or `artefact` → its last calibration. sigma_mm: source → standard uncertainty (type B) of a
+    measured error, mm: along the normal for touches, 3-D for points; `artefact` and `temperature` among the sources.
+    """
+
+    model_config = _STRICT
+    customer: str = ""
+    site: str = ""
+    order: str = ""
+    operator: str = ""
+    limit_mm: Annotated[float, Field(allow_inf_nan=False, gt=0)] | None = None
+    calibrated: dict[str, Calibrated] = {}
+    sigma_mm: dict[str, _Sigma] = {}
+
+
+def unknown_instruments(document: Document, facts: ReportFacts, devices: Collection[str]) -> list[Problem]:
+    """A problem for each name under `calibrated` that is no device and not the artefact."""
+    known = [*devices, ARTEFACT]
+    return [
+        document.problem(
+            ("report", "calibrated", name), f"there is no device '{name}'", f"known are {', '.join(known)}", key=True
+        )
+        for name in facts.calibrated
+        if name not in known
+    ]
+
+
+def reach_of(robot_file: Path) -> float | None:
+    """The TCP's greatest distance from the first axis, mm: all links and the tool in one straight line, at most.
+
+    Never less than the true reach. None if the file cannot be read or has no such lengths; loading it as a
+    robot file reports its errors.
+    """
+    try:
+        data = load_yaml(robot_file).data
+        return sum(_lengths(data)) or None
+    except (InputError, AttributeError, KeyError, TypeError, ValueError):
+        return None
+
+
+def axes_of(robot_file: Path) -> int | None:
+    """The number of the robot's axes; None if the file cannot be read or is no robot file."""
+    try:
+        data = load_yaml(robot_file).data
+        return len(data.get("links") or data["screws"])
+    except (InputError, AttributeError, KeyError, TypeError):
+        return None
+
+
+def _lengths(robot: dict[str, Any]) -> Iterator[float]:
+    """Length of each piece from the base to the TCP, mm."""
+    for link in robot.get("links", ()):
+        yield math.hypot(link.get("a", 0.0), link.get("d", 0.0))
+    points = [screw["point"] for screw in robot.get("screws", ())]
+    if points:
+        flange = robot["home"].get("xyz", (0.0, 0.0, 0.0))
+        yield from (math.dist(a, b) for a, b in itertools.pairwise([*points, flange]))
+    yield math.hypot(*(robot.get("tool") or {}).get("xyz", (0.0, 0.0, 0.0)))
 
 
 def table_correction_deg(document: Document) -> float:

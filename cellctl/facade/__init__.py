@@ -3,7 +3,8 @@
 `import cellctl` offers these names. Results and errors are those of the command line: both call `cellctl.operations`.
 """
 
-from cellctl.facade._fits import Data, Robot, fit, read, robot
+from cellctl.facade._fits import fit
+from cellctl.facade._inputs import Data, Robot, read, robot
 from cellctl.facade._models import Model, Prediction, load
 from cellctl.facade._runs import Run, open_run
 from cellctl.facade._targets import CompensatedProgram, Compensation

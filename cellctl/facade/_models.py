@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, final
+from typing import Any, Literal, Self, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cellctl.error_maps import ErrorMap
+from cellctl.facade._inputs import Robot, robot
 from cellctl.facade._targets import CompensatedProgram, Compensation, asked_targets, compensated, frame_text
-from cellctl.facade._views import model_view, prediction_view
+from cellctl.facade._views import (
+    SHOWN,
+    bars_before_and_after,
+    errors_before_and_after,
+    html_table,
+    number_cells,
+    soft,
+    verdict_line,
+    view,
+)
 from cellctl.facade.frames import by_index, columns_of, data_set_of, frame_of, is_frame, postures, refused
 from cellctl.files import InputError, write_atomically
 from cellctl.formats import DataSet, ModelFile
@@ -25,13 +35,12 @@ from cellctl.operations.exporting import ExportOptions, exported, model_source
 from cellctl.operations.fitting import Fitted
 from cellctl.operations.predicting import Predicted, predict_rows
 from cellctl.operations.program_compensation import ProgramOptions
-
-if TYPE_CHECKING:
-    from cellctl.facade._fits import Robot
+from cellctl.report.figures import fit_lines
 
 Form: TypeAlias = Literal["mdh-hayati", "dh-craig", "poe", "urdf", "dh-csv", "ur-calibration", "kuka", "abb", "fanuc"]
 _TABLES = ("mdh-hayati", "dh-craig")
 _CONVENTIONS = (*_TABLES, "poe")
+_COUNTS = {"n_fit": "rows to fit", "n_test": "held out", "n_parameters": "parameters", "rank": "observable"}
 
 
 def export(model: ModelFile, name: str, form: Form, path: str | Path | None, options: ExportOptions) -> str | bytes:
@@ -95,8 +104,16 @@ class Prediction:
         return f"<cellctl prediction: {len(self)} postures, {int((~self.inside).sum())} outside the measured region>"
 
     def _repr_html_(self) -> str:
-
-        return prediction_view(self)
+        values = np.column_stack([self.positions, self.sigma_mm])[:SHOWN]
+        marks = ["" if inside else "outside the measured region" for inside in self.inside]
+        rows = [
+            [str(row), *number_cells(line), mark] for row, (line, mark) in enumerate(zip(values, marks, strict=False))
+        ]
+        left = len(self) - len(rows)
+        outside = int((~self.inside).sum())
+        title = f"{len(self)} postures predicted, {outside} outside the measured region"
+        more = [soft(f"… and {left} more")] if left else []
+        return view(title, html_table(["row", "X, mm", "Y, mm", "Z, mm", "1 σ, mm", ""], rows), *more)
 
 
 def predicted(model: ModelFile, q: Any, frame: str) -> Prediction:
@@ -145,8 +162,6 @@ class Model:
     @property
     def robot(self) -> Robot:
         """The nominal robot."""
-        from cellctl.facade._fits import robot  # a circle: a model names its robot
-
         return robot(self.file.robot)
 
     @property
@@ -311,8 +326,28 @@ class Model:
         return f"<cellctl model of {self.file.robot.name}: {self.file.model}, {self.verdict or 'not judged'}>"
 
     def _repr_html_(self) -> str:
+        report = self.report
+        parts = [verdict_line(self.sentence, self.verdict), _errors(fit_lines(report))]
+        if self._fit is not None and self._fit.result.n_test:
+            result = self._fit.result
+            before = (
+                result.nominal_errors if result.nominal_with_tool_errors is None else result.nominal_with_tool_errors
+            )
+            parts.append(errors_before_and_after(before, result.test_errors, "held-out error"))
+        elif report.get("n_test"):
+            parts.append(bars_before_and_after(report.get("nominal_with_tool") or report["nominal"], report["test"]))
+        facts = [f"{report[key]} {words}" for key, words in _COUNTS.items() if report.get(key) is not None]
+        return view(f"{self.file.robot.name}: {self.file.model}", *parts, soft(", ".join(facts)))
 
-        return model_view(self, self._fit)
+
+def _errors(lines: Iterable[Mapping[str, Any]]) -> str:
+    """Errors of nominal and identified robot, as on the page of the fit."""
+    rows = []
+    for line in lines:
+        for key, name in (("before", "nominal"), ("after", "identified")):
+            if any(line[key]):
+                rows.append([f"{line['what']}, {name}", *line[key]])
+    return html_table(["error, mm", "mean", "RMS", "max"], rows)
 
 
 def load(path: str | Path) -> Model:

@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, final
 
-from cellctl.facade._fits import Data
+from cellctl.facade._inputs import Data
 from cellctl.facade._models import Model
-from cellctl.facade._views import run_view
+from cellctl.facade._views import bars_before_and_after, html_table, number_cells, soft, verdict_line, view
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import TableFile
 from cellctl.journal import JournalError, fold, read_journal, run_place
@@ -93,8 +93,21 @@ class Run:
         return f"<cellctl run {self.name}: {self.state}, {self.verdict or 'no verdict'}>"
 
     def _repr_html_(self) -> str:
-
-        return run_view(self, self._content)
+        parts = [verdict_line(self.sentence, self.verdict or "")] if self.sentence else []
+        if self.before and self.after and None not in (self.before["mean"], self.after["mean"]):
+            pairs = (("before", self.before), ("after", self.after))
+            rows = [[name, *number_cells([errors[key] for key in ("mean", "rms", "max")])] for name, errors in pairs]
+            parts += [
+                html_table(["measured error, mm", "mean", "RMS", "max"], rows),
+                bars_before_and_after(self.before, self.after),
+            ]
+        facts = [
+            f"{self.report['points']} points",
+            str(self.report["table_state"] or "no table"),
+            str(self.report["began"]),
+        ]
+        complaints = [soft(words) for words in self._content.complaints]
+        return view(f"{self.name}: {self._content.title}, {self.state}", *parts, soft(", ".join(facts)), *complaints)
 
 
 def open_run(run: str | Path, runs: str | Path = "runs") -> Run:

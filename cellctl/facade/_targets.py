@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from cellctl.clock import calendar_time
 from cellctl.compensation import METHODS, MappedErrors, PredictedErrors
 from cellctl.error_maps import ErrorMap
-from cellctl.facade._views import compensation_view, program_view
+from cellctl.facade._views import LEAST_MM, SHOWN, errors_of_each, html_table, number_cells, soft, summary_cells, view
 from cellctl.facade.frames import (
     by_index,
     columns_of,
@@ -30,7 +30,7 @@ from cellctl.facade.frames import (
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import DataSet, ModelFile, TableFile
 from cellctl.formats.table import Row
-from cellctl.formats.table_export import columns, compensated_records
+from cellctl.formats.table_export import compensated_records
 from cellctl.formats.table_making import target_rows
 from cellctl.formats.targets import Targets, read_targets
 from cellctl.installed import shipped_file
@@ -111,9 +111,8 @@ class Compensation:
     def to_dict(self) -> dict[str, NDArray[Any]]:
         """The columns of that file in full precision, and `reason`; NaN where a target has no joints."""
         records = compensated_records(self.asked.model, list(self._rows))
-        unknown = columns(self.joints.shape[1])[6:]  # all but the target
         return columns_of(
-            {**record, **(dict.fromkeys(unknown, math.nan) if reason else {}), "reason": reason}
+            {**record, **(dict.fromkeys([*record][6:], math.nan) if reason else {}), "reason": reason}  # but the target
             for record, reason in zip(records, self.reasons, strict=True)
         )
 
@@ -125,8 +124,28 @@ class Compensation:
         return f"<cellctl compensation by {self.method}: {int(self.reached.sum())} of {len(self)} targets>"
 
     def _repr_html_(self) -> str:
-
-        return compensation_view(self)
+        reached, count = self.reached, len(self)
+        title = f"{int(reached.sum())} of {count} targets compensated by {self.method}"
+        missing = [(row, reason) for row, reason in enumerate(self.reasons) if reason]
+        reasons = [soft(f"target {row}: {reason}") for row, reason in missing[:SHOWN]]
+        if len(missing) > SHOWN:
+            reasons.append(soft(f"… and {len(missing) - SHOWN} more"))
+        if not reached.any():
+            return view(title, *reasons)
+        pairs = {"nominal joints": self.predicted_before_mm, "compensated joints": self.predicted_after_mm}
+        rows = [[name, *summary_cells(errors[reached])] for name, errors in pairs.items()]
+        if np.isfinite(self.sigma_mm[reached]).all():
+            rows.append(["1 σ of the prediction", *summary_cells(self.sigma_mm[reached])])
+        turned = float(np.abs(self.joints - self.nominal_joints)[reached].max())
+        head = ["predicted error, mm", "mean", "RMS", "max"]
+        words = soft(f"Joints corrected by up to {turned:.3f}°. Errors below {LEAST_MM:g} mm are drawn at that value.")
+        return view(
+            title,
+            html_table(head, rows),
+            errors_of_each(self.predicted_before_mm, self.predicted_after_mm),
+            words,
+            *reasons,
+        )
 
 
 @final
@@ -337,8 +356,25 @@ class CompensatedProgram:
         return f"<cellctl program {self.counts}>"
 
     def _repr_html_(self) -> str:
-
-        return program_view(self)
+        report = self.report
+        keys = {
+            "before_mm": "predicted error before, mm",
+            "after_mm": "after, mm",
+            "correction_mm": "shift of the points, mm",
+            "correction_deg": "correction of the joints, deg",
+        }
+        rows = [
+            [words, *number_cells([report[key][name] for name in ("mean", "rms", "max")])]
+            for key, words in keys.items()
+        ]
+        left = [
+            soft(f"{each['file']}:{each['line']}: {each['name']} {each['reason']}") for each in report["left"][:SHOWN]
+        ]
+        if len(report["left"]) > SHOWN:
+            left.append(soft(f"… and {len(report['left']) - SHOWN} more"))
+        before, after = (np.array([point[key] for point in report["points"]]) for key in ("before_mm", "after_mm"))
+        picture = errors_of_each(before, after, "point", ("before", "after"))
+        return view(self.counts, html_table(["", "mean", "RMS", "max"], rows), picture, *left)
 
 
 def frame_text(frame: str | Sequence[float] | None) -> str | None:

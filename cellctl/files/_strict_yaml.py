@@ -13,7 +13,7 @@ from yaml.cyaml import CParser  # type: ignore[attr-defined]
 from yaml.reader import ReaderError
 from yaml.resolver import Resolver
 
-from cellctl.files.kinds import kind_of, refuse_other_kind
+from cellctl.files.kinds import kind_of, read_bytes, refuse_other_kind
 from cellctl.files.problems import InputError, Problem
 
 _QUOTE_IT = "put the value in quotes"
@@ -121,13 +121,9 @@ def load_yaml(path: pathlib.Path, wanted: str = "") -> Document:
     """Load a YAML file strictly. Raises InputError if it cannot be read, decoded or parsed, with all duplicates; and if
     it is certainly of another kind than `wanted` (of `cellctl.files.kinds`; empty: any).
     """
+    data = read_bytes(path, wanted)
     try:
-        data = path.read_bytes()
         text = data.decode("utf-8-sig")
-    except OSError as error:
-        if wanted:
-            refuse_other_kind(path, wanted)
-        raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
     except UnicodeDecodeError as error:
         cure = "save the file as UTF-8"
         line = data.count(b"\n", 0, error.start) + 1

@@ -71,6 +71,16 @@ def refuse_other_kind(path: Path | str, wanted: str, found: str | None = None) -
         raise InputError(Problem(str(path), 0, 0, other_kind(found, wanted), cure))
 
 
+def read_bytes(path: Path, wanted: str = "") -> bytes:
+    """The file's bytes. Raises InputError if it cannot be read. wanted: as in `refuse_other_kind`; empty: any."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        if wanted:  # of a folder its kind says more than the system's "is a directory"
+            refuse_other_kind(path, wanted)
+        raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+
+
 _RUN = "folder of a run"
 
 

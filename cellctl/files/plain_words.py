@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from cellctl.files.kinds import kind_of_content, refuse_other_kind
+from cellctl.files.kinds import kind_of_content, read_bytes, refuse_other_kind
 from cellctl.files.problems import InputError, Problem
 
 _MOST = 5
@@ -59,12 +59,9 @@ def read_json(path: Path, what: str, cure: str) -> Any:
     Raises InputError with `cure` if it cannot be read or is not JSON.
     """
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(read_bytes(path, what))
         refuse_other_kind(path, what, kind_of_content(content))
         return content
-    except OSError as error:
-        refuse_other_kind(path, what)
-        raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
     except json.JSONDecodeError as error:
         why = f"it is no JSON from line {error.lineno}, column {error.colno} on"
     except UnicodeDecodeError:

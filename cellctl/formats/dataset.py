@@ -15,7 +15,7 @@ from typing import Any, Self, TypeAlias, final
 import numpy as np
 
 from cellctl.files import InputError, Problem, sha256_of, write_atomically
-from cellctl.files.kinds import DATA_SET, kind_of, refuse_other_kind
+from cellctl.files.kinds import DATA_SET, kind_of, read_bytes, refuse_other_kind
 from cellctl.formats.robot import RobotFile
 from cellctl.formats.spreadsheet_text import decoded, named, separator, with_points
 from cellctl.kinematics import Bools, Floats
@@ -55,11 +55,7 @@ class DataSet:
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a data set. Raises InputError where the file as a whole cannot be used; single bad rows are rejected."""
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            refuse_other_kind(path, DATA_SET)
-            raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+        data = read_bytes(path, DATA_SET)
         text = decoded(data, str(path))
         refuse_other_kind(path, DATA_SET, kind_of(text))
         return cls.parse(text, str(path), sha256_of(data))
@@ -201,6 +197,8 @@ BEYOND_LIMITS_DEG = 5.0
 BEYOND = 5e5
 """No number of a data set is larger: 500 m, where all lengths are mm. A larger one would dominate all other rows."""
 
+_MOST_JOINTS = 20
+
 MOST_RADIANS = 6.6
 """Readings beyond this, in most rows, are probably not radians: more than a turn."""
 
@@ -276,6 +274,16 @@ def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
         what = f"{names[joint]} is {readings[row, joint]:.6g}°, outside {limits.min:g}…{limits.max:g}°"
         sieve.reject(int(row), what)
     return readings
+
+
+def joints_of(data: DataSet) -> tuple[int, str]:
+    """Number and unit of the joints that a data set names: A1, A2, … (deg) or q1, q2, … (rad); (0, "") for none."""
+    for letter, unit in (("A", "deg"), ("q", "rad")):
+        names = (f"{letter}{number}" for number in range(1, _MOST_JOINTS + 1))
+        count = next((number for number, name in enumerate(names) if not data.has(name)), _MOST_JOINTS)
+        if count:
+            return count, unit
+    return 0, ""
 
 
 def _beyond_limits(robot: RobotFile, degrees: Floats) -> Bools:

@@ -41,45 +41,6 @@ from cellctl.kinematics import Bools, Floats, JointMap
 GREATEST = 1e9
 """No parameter, and no σ, is greater than this, in any unit."""
 
-
-def of_this_format(content: Any, ours: str) -> Any:
-    """`content` of a file, where it states the format `ours`."""
-    theirs = content.get("format") if isinstance(content, dict) else None
-    if not isinstance(theirs, str) or not theirs.startswith(ours.rstrip("0123456789")):
-        raise ValueError(f'it does not say "format": "{ours}"')
-    if theirs != ours:
-        raise ValueError(
-            f"it is of format '{theirs}', and this cellctl reads '{ours}': give it to the one that wrote it"
-        )
-    return content
-
-
-def check_postures(postures: Sequence[Sequence[float]] | None, joints: int, what: str) -> None:
-    """Refuse postures (M, n), if any, with another number of joints than the robot; what: their name in the error."""
-    if any(len(posture) != joints for posture in postures or ()):
-        raise ValueError(f"the postures of its {what} are not those of its robot")
-
-
-def check_covariance(covariance: Floats) -> None:
-    """Refuse a covariance (P, P) that is not symmetric, or has a variance below 0 along any combination."""
-    variances = np.diag(covariance)
-    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    scaled = covariance / scale / scale[:, None]
-    symmetric = np.isfinite(scaled).all() and np.allclose(scaled, scaled.T, atol=1e-6)
-    if not symmetric or (variances < 0.0).any() or (variances > GREATEST**2).any():
-        raise ValueError("its covariance is none: not symmetric, or a variance below 0")
-    if len(scaled) and np.linalg.eigvalsh(scaled).min() < -1e-6:
-        raise ValueError("its covariance is none: some combination of parameters has a variance below 0")
-
-
-def check_sigmas(covariance: Sequence[Sequence[float]], sigmas: Sequence[float]) -> None:
-    """Refuse σ (P,) of the parameters that are not those of their covariance (P, P)."""
-    variances = [row[place] for place, row in enumerate(covariance)]
-    pairs = zip(sigmas, variances, strict=True)
-    if not all(math.isclose(sigma, math.sqrt(variance), rel_tol=1e-6) for sigma, variance in pairs):
-        raise ValueError("its covariance does not go with the σ of its parameters")
-
-
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -462,3 +423,41 @@ def _planes(task: Task, found: Estimate) -> list[TouchedPlane]:
 def _datums(names: tuple[str, ...], values: Floats, sigma: Floats) -> list[LengthZero]:
     rows = zip(names, values.tolist(), sigma.tolist(), strict=True)
     return [LengthZero(id=name, mm=value, sigma=spread) for name, value, spread in rows]
+
+
+def of_this_format(content: Any, ours: str) -> Any:
+    """`content` of a file, where it states the format `ours`."""
+    theirs = content.get("format") if isinstance(content, dict) else None
+    if not isinstance(theirs, str) or not theirs.startswith(ours.rstrip("0123456789")):
+        raise ValueError(f'it does not say "format": "{ours}"')
+    if theirs != ours:
+        raise ValueError(
+            f"it is of format '{theirs}', and this cellctl reads '{ours}': give it to the one that wrote it"
+        )
+    return content
+
+
+def check_postures(postures: Sequence[Sequence[float]] | None, joints: int, what: str) -> None:
+    """Refuse postures (M, n), if any, with another number of joints than the robot; what: their name in the error."""
+    if any(len(posture) != joints for posture in postures or ()):
+        raise ValueError(f"the postures of its {what} are not those of its robot")
+
+
+def check_covariance(covariance: Floats) -> None:
+    """Refuse a covariance (P, P) that is not symmetric, or has a variance below 0 along any combination."""
+    variances = np.diag(covariance)
+    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    scaled = covariance / scale / scale[:, None]
+    symmetric = np.isfinite(scaled).all() and np.allclose(scaled, scaled.T, atol=1e-6)
+    if not symmetric or (variances < 0.0).any() or (variances > GREATEST**2).any():
+        raise ValueError("its covariance is none: not symmetric, or a variance below 0")
+    if len(scaled) and np.linalg.eigvalsh(scaled).min() < -1e-6:
+        raise ValueError("its covariance is none: some combination of parameters has a variance below 0")
+
+
+def check_sigmas(covariance: Sequence[Sequence[float]], sigmas: Sequence[float]) -> None:
+    """Refuse σ (P,) of the parameters that are not those of their covariance (P, P)."""
+    variances = [row[place] for place, row in enumerate(covariance)]
+    pairs = zip(sigmas, variances, strict=True)
+    if not all(math.isclose(sigma, math.sqrt(variance), rel_tol=1e-6) for sigma, variance in pairs):
+        raise ValueError("its covariance does not go with the σ of its parameters")

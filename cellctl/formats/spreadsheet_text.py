@@ -111,7 +111,7 @@ def _two_readings(file: str, clear: dict[DecimalSign, Cell], open_: dict[Decimal
 
 
 _SEPARATORS = (",", ";", "\t")
-_SAID = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
+_STATED = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
 _NUMBERS = re.compile(
     r"[AqDI]\d+|[XYZABC]|Q[WXYZ]|s[XYZRD]|radius|tip_radius|drift|distance|temperature|payload(_[xyz])?|time"
     r"|theta|alpha|beta|[da]|offset|min|max|max_speed",  # of a table of links
@@ -119,11 +119,17 @@ _NUMBERS = re.compile(
 """Columns that hold numbers; a name (`S1`, `1,5`) stays as it is written."""
 
 
+def stated_separator(line: str) -> str | None:
+    """The column separator that a line states and holds nothing else (Excel's `sep=;`); None for any other line."""
+    stated = _STATED.fullmatch(line)
+    return stated[1] if stated else None
+
+
 def separator(text: str) -> tuple[str, bool]:
-    """The column separator of `text`, and whether the first line only states it (Excel's `sep=;`)."""
+    """The column separator of `text`, and whether the first line only states it."""
     first = re.split(r"[\r\n]", text, maxsplit=1)[0]
-    said = _SAID.fullmatch(first)
-    return (said[1], True) if said else (max(_SEPARATORS, key=first.count), False)
+    stated = stated_separator(first)
+    return (stated, True) if stated else (max(_SEPARATORS, key=first.count), False)
 
 
 def named(header: Sequence[str]) -> int:

@@ -15,7 +15,7 @@ from cellctl.kinematics import abc_from_rotation
 from cellctl.krl.writing import aggregate_text, data_list, declaration_text, program
 
 _MOST_AXES = 6
-_TARGET = ("X", "Y", "Z", "A", "B", "C")
+_POSE = ("X", "Y", "Z", "A", "B", "C")
 
 
 def module_name(table: TableFile) -> str:
@@ -55,10 +55,6 @@ def _data(table: TableFile) -> list[str]:
     return lines
 
 
-def _axes(values: Sequence[float]) -> dict[str, float]:
-    return {f"A{place}": value for place, value in enumerate(values, 1)}
-
-
 def _routine(table: TableFile, name: str, array: str) -> str:
     """A routine that moves to row N. HALT in a loop: the start key does not take the program past it."""
     head = f"DEF {name}( N:IN )" if array == "COMPENSATED" else f"GLOBAL DEF {name}( N:IN )"
@@ -80,7 +76,7 @@ def _stop_if(condition: str) -> list[str]:
 
 def _comments(table: TableFile, name: str) -> list[str]:
     tool = table.tool
-    pose = ", ".join(f"{label} {value:g}" for label, value in zip(_TARGET, (*tool.xyz, *tool.abc), strict=True))
+    pose = ", ".join(f"{label} {value:g}" for label, value in zip(_POSE, (*tool.xyz, *tool.abc), strict=True))
     return [
         f"{name}: compensated joints of cellctl table {table.id}",
         f"Robot {table.robot.name}, controller serial {table.robot.serial}{', SIMULATED' if table.simulated else ''}",
@@ -96,23 +92,18 @@ def targets_csv(table: TableFile) -> str:
     Columns: `row`; X, Y, Z, mm, A, B, C, deg, of the TCP in the model's frame; `nominal_A1`…, `compensated_A1`…, deg;
     `predicted_before_mm`, `predicted_after_mm`, `sigma_mm`.
     """
-    axes = range(1, len(table.rows[0].nominal) + 1)
-    joints = [f"{kind}_A{axis}" for kind in ("nominal", "compensated") for axis in axes]
-    head = ["row", *_TARGET, *joints, "predicted_before_mm", "predicted_after_mm", "sigma_mm"]
-    return "".join(
-        ",".join(cells) + "\n" for cells in [head, *map(_table_cells, range(1, len(table.rows) + 1), table.rows)]
+    return text_of(
+        [
+            {
+                "row": place,
+                **_pose(row.target),
+                **_axes(row.nominal, "nominal_"),
+                **_axes(row.compensated, "compensated_"),
+                **_figures(row),
+            }
+            for place, row in enumerate(table.rows, 1)
+        ]
     )
-
-
-def _table_cells(place: int, row: Row) -> list[str]:
-    figures = (row.predicted_before_mm, row.predicted_after_mm, row.sigma_mm)
-    return [
-        str(place),
-        *("" if value is None else repr(value) for value in (*row.target, *row.nominal, *row.compensated, *figures)),
-    ]
-
-
-_POSE = ("X", "Y", "Z", "A", "B", "C")
 
 
 def compensated_csv(model: ModelFile, rows: list[Row]) -> str:
@@ -121,23 +112,30 @@ def compensated_csv(model: ModelFile, rows: list[Row]) -> str:
 
 
 def compensated_records(model: ModelFile, rows: list[Row]) -> list[dict[str, float | None]]:
-    """The lines of the CSV, by column."""
-    pseudo = _pseudo_targets(model, rows)
-    names = columns(model.robot.n)
-    return [dict(zip(names, _record_cells(row, sent), strict=True)) for row, sent in zip(rows, pseudo, strict=True)]
+    """The lines of the CSV, by column; the target's six columns are the first."""
+    return [
+        {
+            **_pose(row.target),
+            **_axes(row.compensated),
+            **_pose(sent, "pseudo_"),
+            **_axes(row.nominal, "nominal_"),
+            **_figures(row),
+        }
+        for row, sent in zip(rows, _pseudo_targets(model, rows), strict=True)
+    ]
 
 
-def columns(n: int) -> list[str]:
-    """The columns for a robot of `n` joints."""
-    axes = range(1, n + 1)
-    joints, pseudo = [f"A{axis}" for axis in axes], [f"pseudo_{name}" for name in _POSE]
-    nominal = [f"nominal_A{axis}" for axis in axes]
-    return [*_POSE, *joints, *pseudo, *nominal, "predicted_before_mm", "predicted_after_mm", "sigma_mm"]
+def _pose(values: Sequence[float], prefix: str = "") -> dict[str, float]:
+    return {f"{prefix}{name}": value for name, value in zip(_POSE, values, strict=True)}
 
 
-def _record_cells(row: Row, pseudo: list[float]) -> list[float | None]:
-    figures = [row.predicted_before_mm, row.predicted_after_mm, row.sigma_mm]
-    return [*row.target, *row.compensated, *pseudo, *row.nominal, *figures]
+def _axes(values: Sequence[float], prefix: str = "") -> dict[str, float]:
+    return {f"{prefix}A{place}": value for place, value in enumerate(values, 1)}
+
+
+def _figures(row: Row) -> dict[str, float | None]:
+    names = ("predicted_before_mm", "predicted_after_mm", "sigma_mm")
+    return {name: getattr(row, name) for name in names}
 
 
 def _pseudo_targets(model: ModelFile, rows: list[Row]) -> list[list[float]]:

@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from cellctl.files import InputError, Problem
+from cellctl.files.kinds import read_bytes
 from cellctl.formats.description import DECIMALS_MM, JointSaid, RobotDescription, number
 from cellctl.kinematics import Floats, JointAxis, SerialChain, abc_from_rotation, inverse_pose, pose_from_xyz_abc
 
@@ -42,10 +43,7 @@ class Element:
 
 def load_xml(path: Path) -> Element:
     """The root element of a file. Raises InputError where it cannot be read, is no XML, or declares a DTD."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
+    data = read_bytes(path)
     if len(data) > LARGEST_BYTES:
         raise InputError(Problem(str(path), 0, 0, f"is too large ({len(data)} bytes)", "meshes belong in other files"))
     return parse_xml(data, str(path))

@@ -15,7 +15,7 @@ from cellctl.kinematics._frames import (
 from cellctl.kinematics.arrays import Bools, Floats
 from cellctl.kinematics.controller_readings import JointMap
 from cellctl.kinematics.geometry import AxisTable, JointAxis, Link, LinkTable, TableConvention
-from cellctl.kinematics.inverse import InverseResult, inverse
+from cellctl.kinematics.inverse import InverseResult, inverse, inverse_from_all, nearest_turn
 
 __all__ = [
     "CONVENTIONS",
@@ -32,7 +32,9 @@ __all__ = [
     "TableConvention",
     "abc_from_rotation",
     "inverse",
+    "inverse_from_all",
     "inverse_pose",
+    "nearest_turn",
     "pose",
     "pose_difference",
     "pose_from_xyz_abc",

@@ -66,6 +66,23 @@ def inverse(
     )
 
 
+def inverse_from_all(
+    chain: SerialChain, poses: ArrayLike, starts: ArrayLike, *, tolerance_mm: float, tolerance_rad: float
+) -> InverseResult:
+    """`inverse` of each of `poses` (N, 4, 4), mm, from each of `starts` (S, n), rad: arrays (S, N, …).
+
+    Newton's steps stay on the branch of their start, and a wrist robot has up to eight postures for one pose: starts
+    spread over the joints find most of them.
+    """
+    goals, begin = np.asarray(poses, float)[None], np.asarray(starts, float)[:, None]
+    return inverse(chain, goals, begin, tolerance_mm=tolerance_mm, tolerance_rad=tolerance_rad)
+
+
+def nearest_turn(angles: Floats, near: Floats, half_turn: float) -> Floats:
+    """`angles` (..., n) shifted by whole turns to within half a turn of `near`; half_turn: 180.0 or π, the unit."""
+    return np.asarray(near + (angles - near + half_turn) % (2.0 * half_turn) - half_turn)
+
+
 def _within(error: Floats, tolerance_mm: float, tolerance_rad: float) -> Bools:
     place, turn = np.linalg.norm(error[:, :3], axis=-1), np.linalg.norm(error[:, 3:], axis=-1)
     return np.asarray((place <= tolerance_mm) & (turn <= tolerance_rad))

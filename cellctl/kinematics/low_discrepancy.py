@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from cellctl.kinematics.arrays import Floats
+
 if TYPE_CHECKING:
     from scipy.stats.qmc import Halton, Sobol
 
@@ -13,6 +17,13 @@ def sobol(dimensions: int, **settings: Any) -> Sobol:
     from scipy.stats import qmc  # at first use: scipy.stats takes 0.4 s
 
     return qmc.Sobol(dimensions, **settings)
+
+
+def spread_over(lower: Floats, upper: Floats, count: int, **settings: Any) -> Floats:
+    """Postures (count, n) spread evenly over the box lower (n,) … upper (n,); count: a power of two, else the sequence
+    loses its balance. settings: of `sobol`; scramble=False gives the same postures each time.
+    """
+    return np.asarray(lower + sobol(len(lower), **settings).random(count) * (upper - lower))
 
 
 def halton(dimensions: int, **settings: Any) -> Halton:

@@ -42,6 +42,19 @@ LEAST_BASELINE = 2
 RUN_OF_SIDE, RUN_OF_TREND = 8, 6
 """Length of a run of points that signals: on one side of the centre line; each above (or each below) the one before."""
 
+LEAST_RUNS = 20
+"""DailyBaseline runs below which nothing is judged."""
+SPARE_RUNS = 5
+"""DailyBaseline runs needed beyond the number of features."""
+
+SCALE = "scale"
+RIGID_AND_SCALE = ("x", "y", "z", "turn x", "turn y", "turn z", SCALE)
+
+HORIZON = 100
+"""Runs over which the EWMA's false-alarm rate holds on average."""
+_DRAWS = 4000
+_SEED = 20240811
+
 
 class Signal(StrEnum):
     """A rule by which a point signals that the process has changed."""
@@ -124,20 +137,6 @@ def _in_a_row(points: Bools, count: int) -> Bools:
         length = length + 1 if true else 0
         lengths[place] = length
     return np.asarray(lengths >= count)
-
-
-LEAST_RUNS = 20
-"""DailyBaseline runs below which nothing is judged."""
-SPARE_RUNS = 5
-"""DailyBaseline runs needed beyond the number of features."""
-
-SCALE = "scale"
-RIGID_AND_SCALE = ("x", "y", "z", "turn x", "turn y", "turn z", SCALE)
-
-HORIZON = 100
-"""Runs over which the EWMA's false-alarm rate holds on average."""
-_DRAWS = 4000
-_SEED = 20240811
 
 
 class DailyAction(StrEnum):

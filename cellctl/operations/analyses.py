@@ -33,6 +33,21 @@ _ROBOT = re.compile(r"^(convention|joints|links|screws)\s*:", re.MULTILINE)
 _JOINTS = re.compile(r"\b[AJq]_?1\b")
 _CURE = "one data file, with it at most: a table of positions, a robot file, an artefact file"
 
+FOLDER = "analyses"
+EXAMPLE = Path(__file__).parent / "simulated_kr5_r1400.csv"
+"""100 positions of a simulated KR5 R1400, made by `tests/helpers/simulated_example.py`: no real robot is in it."""
+EXAMPLE_ROBOT = "kr5_r1400"
+RECORD, UNDERSTOOD, OUTCOME, LOG, LOCK = "analysis.json", "understood.json", "outcome.json", "log.jsonl", "lock"
+MODEL, REPORT, FIT, URDF = "model.json", "report.html", "fit.json", "robot.urdf"
+RESULTS = {MODEL: "model", REPORT: "report", URDF: "URDF", FIT: "figures (JSON)"}
+"""Files of a fit that can be downloaded, with what they are."""
+
+_LONGEST_NAME = 80
+
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
+_FOLDER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
+"""Name of an analysis' folder: a safe stem, which may have dots, and the time."""
+
 
 def roles(heads: Mapping[str, str]) -> dict[Role, str]:
     """The file of each role; heads: the beginning of each file, by its name. Raises InputError for other sets."""
@@ -52,18 +67,6 @@ def roles(heads: Mapping[str, str]) -> dict[Role, str]:
     if len(tables) == 2:
         found["positions"] = tables[1]
     return found
-
-
-FOLDER = "analyses"
-EXAMPLE = Path(__file__).parent / "simulated_kr5_r1400.csv"
-"""100 positions of a simulated KR5 R1400, made by `tests/helpers/simulated_example.py`: no real robot is in it."""
-EXAMPLE_ROBOT = "kr5_r1400"
-RECORD, UNDERSTOOD, OUTCOME, LOG, LOCK = "analysis.json", "understood.json", "outcome.json", "log.jsonl", "lock"
-MODEL, REPORT, FIT, URDF = "model.json", "report.html", "fit.json", "robot.urdf"
-RESULTS = {MODEL: "model", REPORT: "report", URDF: "URDF", FIT: "figures (JSON)"}
-"""Files of a fit that can be downloaded, with what they are."""
-
-_LONGEST_NAME = 80
 
 
 @final
@@ -140,11 +143,6 @@ class Outcome:
     def to_json(self) -> dict[str, Any]:
         """With the meaning of the exit code."""
         return {**asdict(self), "meaning": MEANINGS[self.code]}
-
-
-_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
-_FOLDER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
-"""Name of an analysis' folder: a safe stem, which may have dots, and the time."""
 
 
 def safe_name(name: str, default: str = "file") -> str:

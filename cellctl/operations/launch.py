@@ -21,7 +21,6 @@ from typing import cast, final
 
 from threadpoolctl import threadpool_info
 
-from cellctl import __version__
 from cellctl.clock import Clock, WallClock, calendar_time
 from cellctl.devices import DeviceBusy, DeviceError, DeviceUncertain
 from cellctl.devices.cell import ClockMode
@@ -43,6 +42,7 @@ from cellctl.operations.campaign import Campaign
 from cellctl.operations.cell_devices import DeviceLocks, SimulatedCell, open_devices, tell_targets
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, never_began, new_run_folder, result_of, table_line
 from cellctl.procedure import section_of
+from cellctl.version import __version__
 
 _GROUPS = ("cellctl.devices", "cellctl.steps")
 _NAMED = 5
@@ -53,121 +53,13 @@ _AT_FIRST_USE = ("scipy.optimize", "scipy.spatial", "scipy.spatial.transform", "
 
 _LIBRARIES = ("numpy", "scipy", "pyserial", "pydantic", "ruckig")
 
-
-def versions() -> dict[str, str]:
-    """Name → version: cellctl, Python and the libraries that a result depends on; platform, processor, BLAS kernel."""
-    found = {"cellctl": __version__, "python": platform.python_version()}
-    found |= {"platform": platform.platform(), "processor": _processor(), "BLAS": _blas()}
-    for name in _LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
-
-
-def sources() -> dict[str, str]:
-    """Every Python file of cellctl and of the packages with drivers and steps: name → SHA-256 of its content."""
-    points = (point for group in _GROUPS for point in entry_points(group=group))
-    packages = {"cellctl", *(point.module.partition(".")[0] for point in points)}
-    files = sorted((name, file) for package in packages for name, file in _files(package))
-    return {name: sha256_of(file.read_bytes()) for name, file in files}
-
-
-def changed_sources(before: Mapping[str, str]) -> str:
-    """`: a.py, b.py and 3 more`: the files that differ from `before`; empty if unknown."""
-    now = sources() if before else {}
-    names = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return f": {', '.join(names[:_NAMED])}{more}" if names else ""
-
-
-def code_hash() -> str:
-    """SHA-256 over `sources`: the same code, the same hash."""
-    return sha256_of(sources())
-
-
-def _processor() -> str:
-    """The processor's model: linear algebra libraries choose their code by it, which affects the last digits."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(models, platform.processor() or platform.machine())
-
-
-def _blas() -> str:
-    """Linear algebra libraries of numpy and scipy, each with the kernel that it chose: `openblas 0.3.30 SkylakeX`.
-
-    The processor's model does not decide the kernel alone: a library's version and OPENBLAS_CORETYPE do, too.
-    """
-    import numpy.linalg  # noqa: F401 - loads its library
-    import scipy.linalg  # noqa: F401
-
-    found = (each for each in threadpool_info() if each["user_api"] == "blas")
-    return ", ".join(
-        sorted({f"{each['internal_api']} {each['version']} {each.get('architecture', '')}" for each in found})
-    )
-
-
-def _files(package: str) -> Iterator[tuple[str, Path]]:
-    spec = find_spec(package)
-    folders = spec.submodule_search_locations if spec else None
-    if spec and spec.origin and not folders:
-        yield f"{package}.py", Path(spec.origin)
-    for root in map(Path, folders or ()):
-        for file in root.rglob("*.py"):
-            yield f"{package}/{file.relative_to(root).as_posix()}", file
-
-
 _LOOK_S = 0.5
 """Wall time between two checks, s: processes use wall time."""
 
-
-def parent_of_run(*, detached: bool) -> int | None:
-    """The process whose end aborts a run that begins now; None if the run was started detached.
-
-    That is: with `--detached`, by nohup (SIGHUP is ignored), or in a session of its own (setsid, a service manager).
-    """
-    return None if detached or under_nohup() or os.getsid(0) == os.getpid() else os.getppid()
-
-
-def under_nohup() -> bool:
-    """Whether this process was started by nohup: SIGHUP is ignored."""
-    return signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-
-
-@contextmanager
-def aborting_without(parent: int | None, abort: Callable[[str], object]) -> Iterator[None]:
-    """Inside this context, call `abort` once with the reason if `parent` ends, from a separate thread."""
-    if parent is None:
-        yield
-        return
-    over = threading.Event()
-    watch = threading.Thread(target=_watch, args=(parent, _name_of(parent), abort, over), daemon=True)
-    watch.start()
-    try:
-        yield
-    finally:
-        over.set()
-        watch.join()
-
-
-def _watch(parent: int, name: str, abort: Callable[[str], object], over: threading.Event) -> None:
-    while not over.wait(_LOOK_S):
-        if os.getppid() != parent:  # the parent id changes when the parent ends
-            abort(
-                f"aborted: process {parent}{name}, which started this run, has ended "
-                "(start with --detached if the run is to continue without it)"
-            )
-            return
-
-
-def _name_of(process: int) -> str:
-    with suppress(OSError):
-        return f" ({Path(f'/proc/{process}/comm').read_text().strip()})"
-    return ""
+_LOOK = (
+    "Go and look: is the robot clear, does it stand where it did? Then say so with --acknowledge. Where it has been "
+    "moved by hand off its planned way, the next step refuses to move it."
+)
 
 
 @final
@@ -346,12 +238,6 @@ def resumed_run(campaign: Campaign, runs: Path, run: Path, settings: list[str], 
     return ResumedRun(folder, same, state, started.seed, cast("ClockMode", started.clock))
 
 
-_LOOK = (
-    "Go and look: is the robot clear, does it stand where it did? Then say so with --acknowledge. Where it has been "
-    "moved by hand off its planned way, the next step refuses to move it."
-)
-
-
 def _changes(campaign: Campaign, started: RunStarted, settings: list[str]) -> list[str]:
     changed = []
     if sha256_of(campaign.procedure.text) != started.procedure.sha256:
@@ -422,3 +308,115 @@ def run_to_resume(campaign: Campaign, runs: Path, run: Path, settings: list[str]
     found = resumed_run(campaign, runs, run, settings, acknowledged=options.acknowledged)
     options = replace(options, seed=found.seed, clock=found.clock, resumed=found.state)
     return PreparedRun(found.campaign, found.folder, options)
+
+
+def versions() -> dict[str, str]:
+    """Name → version: cellctl, Python and the libraries that a result depends on; platform, processor, BLAS kernel."""
+    found = {"cellctl": __version__, "python": platform.python_version()}
+    found |= {"platform": platform.platform(), "processor": _processor(), "BLAS": _blas()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+def sources() -> dict[str, str]:
+    """Every Python file of cellctl and of the packages with drivers and steps: name → SHA-256 of its content."""
+    points = (point for group in _GROUPS for point in entry_points(group=group))
+    packages = {"cellctl", *(point.module.partition(".")[0] for point in points)}
+    files = sorted((name, file) for package in packages for name, file in _files(package))
+    return {name: sha256_of(file.read_bytes()) for name, file in files}
+
+
+def changed_sources(before: Mapping[str, str]) -> str:
+    """`: a.py, b.py and 3 more`: the files that differ from `before`; empty if unknown."""
+    now = sources() if before else {}
+    names = sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name))
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f": {', '.join(names[:_NAMED])}{more}" if names else ""
+
+
+def code_hash() -> str:
+    """SHA-256 over `sources`: the same code, the same hash."""
+    return sha256_of(sources())
+
+
+def _processor() -> str:
+    """The processor's model: linear algebra libraries choose their code by it, which affects the last digits."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(models, platform.processor() or platform.machine())
+
+
+def _blas() -> str:
+    """Linear algebra libraries of numpy and scipy, each with the kernel that it chose: `openblas 0.3.30 SkylakeX`.
+
+    The processor's model does not decide the kernel alone: a library's version and OPENBLAS_CORETYPE do, too.
+    """
+    import numpy.linalg  # noqa: F401 - loads its library
+    import scipy.linalg  # noqa: F401
+
+    found = (each for each in threadpool_info() if each["user_api"] == "blas")
+    return ", ".join(
+        sorted({f"{each['internal_api']} {each['version']} {each.get('architecture', '')}" for each in found})
+    )
+
+
+def _files(package: str) -> Iterator[tuple[str, Path]]:
+    spec = find_spec(package)
+    folders = spec.submodule_search_locations if spec else None
+    if spec and spec.origin and not folders:
+        yield f"{package}.py", Path(spec.origin)
+    for root in map(Path, folders or ()):
+        for file in root.rglob("*.py"):
+            yield f"{package}/{file.relative_to(root).as_posix()}", file
+
+
+def parent_of_run(*, detached: bool) -> int | None:
+    """The process whose end aborts a run that begins now; None if the run was started detached.
+
+    That is: with `--detached`, by nohup (SIGHUP is ignored), or in a session of its own (setsid, a service manager).
+    """
+    return None if detached or under_nohup() or os.getsid(0) == os.getpid() else os.getppid()
+
+
+def under_nohup() -> bool:
+    """Whether this process was started by nohup: SIGHUP is ignored."""
+    return signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+
+
+@contextmanager
+def aborting_without(parent: int | None, abort: Callable[[str], object]) -> Iterator[None]:
+    """Inside this context, call `abort` once with the reason if `parent` ends, from a separate thread."""
+    if parent is None:
+        yield
+        return
+    over = threading.Event()
+    watch = threading.Thread(target=_watch, args=(parent, _name_of(parent), abort, over), daemon=True)
+    watch.start()
+    try:
+        yield
+    finally:
+        over.set()
+        watch.join()
+
+
+def _watch(parent: int, name: str, abort: Callable[[str], object], over: threading.Event) -> None:
+    while not over.wait(_LOOK_S):
+        if os.getppid() != parent:  # the parent id changes when the parent ends
+            abort(
+                f"aborted: process {parent}{name}, which started this run, has ended "
+                "(start with --detached if the run is to continue without it)"
+            )
+            return
+
+
+def _name_of(process: int) -> str:
+    with suppress(OSError):
+        return f" ({Path(f'/proc/{process}/comm').read_text().strip()})"
+    return ""

@@ -11,13 +11,14 @@ from typing import Any, final
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, load_artefact
-from cellctl.formats.dataset import DataSet, Sieve, text_of
+from cellctl.formats.dataset import DataSet, Sieve, joints_of, text_of
 from cellctl.formats.measurements.kinds import KINDS, NOUNS, PLACE, Kind, has_own_sigma, kinds_of
 from cellctl.formats.measurements.repeats import POINT_COLUMNS
 from cellctl.operations.fit_options import Asked
+from cellctl.operations.fitting import NO_CHECK, FitInput, measured_rows, robot_of
+from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 from cellctl.pendant_import import Choices, imported
 
-MOST_JOINTS = 20
 _CONDITIONS = {"temperature": "temperature", "payload": "payload", "I1": "motor currents"}
 
 
@@ -119,8 +120,6 @@ def understand(given: DataFile, robot: Path | None, asked: Asked, progress: Prog
     plain = _plain(given)
     if robot is None or plain.problems:
         return plain
-    from cellctl.operations.fitting import FitInput, robot_of  # a circle: a fit checks what was understood
-
     document, robot_file = robot_of(robot)
     input_ = FitInput(document, robot_file, given.data, load_artefact(asked.artefact) if asked.artefact else None)
     named = replace(plain, robot=robot_file.name)
@@ -128,16 +127,6 @@ def understand(given: DataFile, robot: Path | None, asked: Asked, progress: Prog
         return _of_fit(named, input_, asked, progress)
     except InputError as error:
         return replace(named, usable=0, problems=tuple(error.problems), note=error.note)
-
-
-def joints_of(data: DataSet) -> tuple[int, str]:
-    """Number and unit of the joints that a data set names: A1, A2, … (deg) or q1, q2, … (rad); (0, "") for none."""
-    for letter, unit in (("A", "deg"), ("q", "rad")):
-        names = (f"{letter}{number}" for number in range(1, MOST_JOINTS + 1))
-        count = next((number for number, name in enumerate(names) if not data.has(name)), MOST_JOINTS)
-        if count:
-            return count, unit
-    return 0, ""
 
 
 def _plain(given: DataFile) -> Understood:
@@ -164,14 +153,8 @@ def _plain(given: DataFile) -> Understood:
     )
 
 
-def _of_fit(plain: Understood, given: Any, asked: Asked, progress: Progress) -> Understood:
+def _of_fit(plain: Understood, given: FitInput, asked: Asked, progress: Progress) -> Understood:
     """What a fit would use, and what its set-up check finds."""
-    from cellctl.operations.fitting import NO_CHECK, measured_rows  # a circle: a fit checks what was understood
-    from cellctl.operations.setup_refusals import (  # a circle: a fit checks what was understood
-        SetupFiles,
-        refuse_setup_errors,
-    )
-
     measured = measured_rows(given, asked)
     rejected = [{"line": row.line, "reason": row.reason} for row in measured.rejected]
     imported = [row for row in plain.rejected if "file" in row]

@@ -10,17 +10,13 @@ from pathlib import Path
 from typing import Literal, TypeAlias, final
 
 from cellctl.files import InputError, Problem
-from cellctl.files.kinds import EXPORT, OWN, kind_of, refuse_other_kind
+from cellctl.files.kinds import EXPORT, OWN, kind_of, read_bytes, refuse_other_kind
 from cellctl.formats.spreadsheet_text import DecimalSign, decimal_sign, decoded, number
 
 
 def read_text(path: Path) -> str:
     """The file's text: UTF-8 or UTF-16 (marked), else Windows' Western code page. Raises InputError."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(Problem(str(path), 0, 0, f"cannot be read: {error.strerror}", "check the path")) from error
-    text = decoded(data, str(path))
+    text = decoded(read_bytes(path), str(path))
     if (found := kind_of(text)) in OWN:
         refuse_other_kind(path, EXPORT, found)
     if "\0" in text:

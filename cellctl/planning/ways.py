@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.kinematics import JointMap, SerialChain
+from cellctl.kinematics import JointMap, SerialChain, nearest_turn
 
 Array = NDArray[np.float64]
 
@@ -169,8 +169,7 @@ class Ways:
     def wrapped(self, readings: Array) -> Array:
         """`readings` (…, k, n) without whole turns: the first of k nearest to zero, the others nearest to the first."""
         first = (readings[..., :1, :] + 180.0) % 360.0 - 180.0
-        wrapped: Array = first + (readings - first + 180.0) % 360.0 - 180.0
-        return wrapped
+        return nearest_turn(readings, first, 180.0)
 
     def within_limits(self, readings: Array) -> NDArray[np.bool_]:
         """Which rows of `readings` (…, n) keep the margin from every joint limit."""

@@ -1,7 +1,16 @@
 """Procedures: the steps of a campaign, read from a file and checked completely before any motion."""
 
-from cellctl.procedure._cell_check import CellContext, CellFiles, check_cell, expected_passes
-from cellctl.procedure._steps import AnyStepKind, NoInputs, StepContext, StepInputs, StepKind, StepResult, step
+from cellctl.procedure._cell_check import CellFiles, check_cell, expected_passes
+from cellctl.procedure._steps import (
+    AnyStepKind,
+    CellContext,
+    NoInputs,
+    StepContext,
+    StepInputs,
+    StepKind,
+    StepResult,
+    step,
+)
 from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters, inputs_of
 from cellctl.procedure.loader import load_procedure, read_procedure, resolve_parameters
 from cellctl.procedure.model import (

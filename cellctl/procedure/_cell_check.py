@@ -3,38 +3,16 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, final
+from typing import Any, final
 
 from cellctl.files import Document, InputError, Problem
+from cellctl.procedure._steps import AnyStepKind, CellContext
 from cellctl.procedure.model import Procedure, Step
 from cellctl.procedure.references import UNKNOWN, Reference, known_part
-
-if TYPE_CHECKING:
-    from cellctl.procedure._steps import AnyStepKind
-    from cellctl.procedure.registry import StepRegistry
-
-
-class CellContext(Protocol):
-    """The data before a run and in a step: the cell's file, its robot file, the run's seed, the folder of the runs."""
-
-    @property
-    def cell(self) -> Document:
-        """The cell file, with the places of its values."""
-
-    @property
-    def robot_file(self) -> pathlib.Path:
-        """The robot file that the cell names."""
-
-    @property
-    def seed(self) -> int:
-        """The run's seed."""
-
-    @property
-    def runs(self) -> pathlib.Path:
-        """The folder of the runs."""
+from cellctl.procedure.registry import StepRegistry
 
 
 @final
@@ -46,15 +24,6 @@ class CellFiles:
     robot_file: pathlib.Path
     seed: int
     runs: pathlib.Path = pathlib.Path("runs")
-
-
-CheckCell = Callable[[CellContext, Mapping[str, Any]], None]
-"""`check(context, known)`: raises InputError for what the step would refuse in the run. `known`: inputs by name that
-follow from the parameters and defaults; each is of its type only where the step's model is satisfied."""
-
-
-ExpectedPasses = Callable[[Mapping[str, Any]], int]
-"""`expects(known)`: number of passes of later loops from the step's result; 0: unknown."""
 
 
 def expected_passes(procedure: Procedure, parameters: Mapping[str, Any], registry: StepRegistry) -> int:

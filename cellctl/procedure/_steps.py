@@ -17,7 +17,6 @@ from cellctl.clock import Clock
 from cellctl.devices import DeviceUncertain, Identity, acts
 from cellctl.devices import errors as device_errors
 from cellctl.files import Document, canonical_json
-from cellctl.procedure._cell_check import CheckCell, ExpectedPasses
 from cellctl.records import AnyRow, Row, VerdictRow
 
 
@@ -112,6 +111,35 @@ class StepContext(Protocol):
 
     def say(self, text: str) -> None:
         """One line of progress for the operator."""
+
+
+class CellContext(Protocol):
+    """The data before a run and in a step: the cell's file, its robot file, the run's seed, the folder of the runs."""
+
+    @property
+    def cell(self) -> Document:
+        """The cell file, with the places of its values."""
+
+    @property
+    def robot_file(self) -> pathlib.Path:
+        """The robot file that the cell names."""
+
+    @property
+    def seed(self) -> int:
+        """The run's seed."""
+
+    @property
+    def runs(self) -> pathlib.Path:
+        """The folder of the runs."""
+
+
+CheckCell = Callable[[CellContext, Mapping[str, Any]], None]
+"""`check(context, known)`: raises InputError for what the step would refuse in the run. `known`: inputs by name that
+follow from the parameters and defaults; each is of its type only where the step's model is satisfied."""
+
+
+ExpectedPasses = Callable[[Mapping[str, Any]], int]
+"""`expects(known)`: number of passes of later loops from the step's result; 0: unknown."""
 
 
 Inputs = TypeVar("Inputs", bound=BaseModel)

@@ -11,13 +11,13 @@ from typing import Any, Self, final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
-from cellctl import __version__
 from cellctl.files import InputError, write_atomically
 from cellctl.installed import contributions
 from cellctl.records import Row
 from cellctl.report._run import Run
 from cellctl.report._summary import summary
 from cellctl.report.budget import FIGURES, Contribution, Sigma
+from cellctl.version import __version__
 
 
 @cache

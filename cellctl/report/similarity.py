@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cellctl import __version__
 from cellctl.analysis import EmpiricalSemivariogram, Similarity
 from cellctl.files import write_atomically
 from cellctl.formats.similarity_report import p_text, result_sentences
@@ -18,6 +17,7 @@ from cellctl.kinematics import Floats
 from cellctl.report._page import template
 from cellctl.report.drawing import ACCENT, BEFORE, FAINT, HELD_OUT, INK, svg_of
 from cellctl.report.figures import fixed
+from cellctl.version import __version__
 
 _COLOURS = {"x": ACCENT, "y": HELD_OUT, "z": BEFORE}
 _DRAWN, _BINS, _LEAST_PAIRS = 1500, 20, 5

@@ -27,6 +27,35 @@ LEAST_OFFSET_DEG = 2.0
 RIGHT_ANGLE_DEG = 1.0
 """An offset this near to a multiple of 90° is rounded to it."""
 
+ROWS = 40
+CHUNK = 256
+RIDGE = 1e-10
+"""Share of the largest diagonal element: enough to solve where base and tool cannot be separated."""
+
+GRID_DEG = 30.0
+"""Step between tested offsets: TCP positions are linear in its cosine and sine, so that a local optimum is wide."""
+
+AT_ONCE = 3
+"""Joints that are searched at once."""
+
+BREADTH = 10
+"""Pairs from which the search for a third joint starts."""
+
+REFINED = 6
+"""Hypotheses on the grid whose angles are fitted."""
+
+SMALL_DEG = 10.0
+"""Start value of the search for a small offset."""
+
+SEARCHED = 60
+"""Rows to which the angles are fitted."""
+
+REVERSED = (-1.0, 0.0)
+"""A joint with the other sign and no offset."""
+
+LOOSE_DEG = 60.0
+"""Prior 1 σ of an offset that is fitted: practically free."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -98,12 +127,6 @@ class JointChanges:
 def _half_turn(angle: float) -> float:
     """The angle, deg, from −180 up to 180."""
     return float((angle + 180.0) % 360.0 - 180.0)
-
-
-ROWS = 40
-CHUNK = 256
-RIDGE = 1e-10
-"""Share of the largest diagonal element: enough to solve where base and tool cannot be separated."""
 
 
 def rough_sizes(setup: Setup, sign: Floats, offset: Floats) -> Floats:
@@ -209,31 +232,6 @@ def _solved(lines: Floats, right: Floats) -> Floats:
 
 def _nearest(squares: Floats) -> Floats:
     return np.sort(squares, axis=1)[:, : int(np.ceil(CORE * squares.shape[1]))]
-
-
-GRID_DEG = 30.0
-"""Step between tested offsets: TCP positions are linear in its cosine and sine, so that a local optimum is wide."""
-
-AT_ONCE = 3
-"""Joints that are searched at once."""
-
-BREADTH = 10
-"""Pairs from which the search for a third joint starts."""
-
-REFINED = 6
-"""Hypotheses on the grid whose angles are fitted."""
-
-SMALL_DEG = 10.0
-"""Start value of the search for a small offset."""
-
-SEARCHED = 60
-"""Rows to which the angles are fitted."""
-
-REVERSED = (-1.0, 0.0)
-"""A joint with the other sign and no offset."""
-
-LOOSE_DEG = 60.0
-"""Prior 1 σ of an offset that is fitted: practically free."""
 
 
 def plain_joints(setup: Setup) -> Iterator[Hypothesis]:

@@ -12,7 +12,7 @@ from canopen.emcy import EmcyError
 
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused
-from drivers.canopen_drives.description import CURRENTS
+from drivers.canopen_drives.place import CURRENTS
 
 HEARTBEAT_MS = 1000
 _ANSWER_S = 5.0
@@ -23,6 +23,27 @@ _MAPPING = (0x6064_0020, 0x6078_0010, 0x6077_0010)
 """TPDO1: position, current, torque."""
 _NOT_VALID = 0x8000_0000
 _EACH_SYNC = 1
+
+_OLDEST_HEARTBEAT_S = 2.5
+_FRAME = struct.Struct("<ihh")
+"""TPDO1: position 0x6064, current 0x6078, torque 0x6077."""
+
+_OPERATIONAL, _BOOT_UP = 5, 0
+_NMT_STATES = {4: "stopped", 127: "pre-operational"}
+
+OPERATION_ENABLED = "operation enabled"
+FAULT = "fault"
+_STATES = (
+    (0x4F, 0x00, "not ready to switch on"),
+    (0x4F, 0x40, "switch on disabled"),
+    (0x6F, 0x21, "ready to switch on"),
+    (0x6F, 0x23, "switched on"),
+    (0x6F, 0x27, OPERATION_ENABLED),
+    (0x6F, 0x07, "quick stop active"),
+    (0x4F, 0x0F, "fault reaction active"),
+    (0x4F, 0x08, FAULT),
+)
+"""Mask, bits and state of a statusword (CiA 402)."""
 
 
 @final
@@ -121,28 +142,6 @@ class DriveObjects:
 def silent(device: str, title: str, what: str) -> DeviceLost:
     """The error of a node that sends nothing."""
     return DeviceLost(device, f"{title} is silent: {what}", "check its supply, its cable and its node number")
-
-
-_OLDEST_HEARTBEAT_S = 2.5
-_FRAME = struct.Struct("<ihh")
-"""TPDO1: position 0x6064, current 0x6078, torque 0x6077."""
-
-_OPERATIONAL, _BOOT_UP = 5, 0
-_NMT_STATES = {4: "stopped", 127: "pre-operational"}
-
-OPERATION_ENABLED = "operation enabled"
-FAULT = "fault"
-_STATES = (
-    (0x4F, 0x00, "not ready to switch on"),
-    (0x4F, 0x40, "switch on disabled"),
-    (0x6F, 0x21, "ready to switch on"),
-    (0x6F, 0x23, "switched on"),
-    (0x6F, 0x27, OPERATION_ENABLED),
-    (0x6F, 0x07, "quick stop active"),
-    (0x4F, 0x0F, "fault reaction active"),
-    (0x4F, 0x08, FAULT),
-)
-"""Mask, bits and state of a statusword (CiA 402)."""
 
 
 def state_of(statusword: int) -> str:

@@ -10,9 +10,9 @@ from typing import TypeVar, final
 
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, DeviceUnreachable, Health, Identity, MotorCurrents
-from drivers.canopen_drives.description import CanPlace
 from drivers.canopen_drives.drive import FAULT, OPERATION_ENABLED, DriveData, DriveNode, DriveSample, silent, state_of
 from drivers.canopen_drives.line import CanLine
+from drivers.canopen_drives.place import CanPlace
 
 _FOUND_S = 1.0
 _STARTED_S = 2.5

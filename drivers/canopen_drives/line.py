@@ -12,7 +12,7 @@ import canopen
 
 from cellctl.clock import Clock, Wire
 from cellctl.devices import DeviceLost, DeviceUnreachable
-from drivers.canopen_drives.description import CanPlace
+from drivers.canopen_drives.place import CanPlace
 
 _CURES = {
     "socketcan": "is the interface up? `ip -details link show {channel}`; to set it up: "

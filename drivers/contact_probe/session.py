@@ -25,6 +25,17 @@ _FAULTS = {
 }
 _RESET_CURE = "check the probe's supply and leads, then search again"
 
+PROTOCOL = 1
+_QUIET_S = 0.1
+"""Delay before the first command: opening the port resets many boards."""
+_PATIENCE_S = 5.0
+_SETTLED_S = 1.0
+"""Least span of the lines for a valid fit of the count to the cell's clock."""
+_SYNC_EVERY_S = 0.2
+_SILENCE_S = 0.17
+"""Three missed heartbeats of 50 ms, and 20 ms of transmission."""
+_OLD_CURE = "restart the probe, then connect anew; does a bridge or hub hold lines back, is tick_hz right to 300 ppm?"
+
 
 def fault_of(device: str, code: str) -> DeviceFault:
     """A fault code of the probe (`WIRE`) as text, with its cure."""
@@ -186,18 +197,6 @@ class Search:
         if jumped or self._ticks.is_before(line.tick, edge_tick):
             return "in the future"
         return "from before it was armed" if self._ticks.is_before(edge_tick, self._begin_tick) else ""
-
-
-PROTOCOL = 1
-_QUIET_S = 0.1
-"""Delay before the first command: opening the port resets many boards."""
-_PATIENCE_S = 5.0
-_SETTLED_S = 1.0
-"""Least span of the lines for a valid fit of the count to the cell's clock."""
-_SYNC_EVERY_S = 0.2
-_SILENCE_S = 0.17
-"""Three missed heartbeats of 50 ms, and 20 ms of transmission."""
-_OLD_CURE = "restart the probe, then connect anew; does a bridge or hub hold lines back, is tick_hz right to 300 ppm?"
 
 
 @final

@@ -27,6 +27,26 @@ _BOUNDS: Final = {
 _PSYCHROMETER_PER_K: Final = 6.62e-4
 """Coefficient of a ventilated psychrometer (WMO No. 8)."""
 
+_DIGITS: Final = 15
+_PRISM_NAME: Final = "CELLCTL"
+_CONSTANT_STEP_MM: Final = 0.0011
+"""geocompy writes metres with six decimals."""
+
+MEASURE_S: Final = 30.0
+"""Cell time for the answer to a measurement of angles or distance."""
+_TURN_S: Final = 60.0
+_SEARCH_S: Final = 60.0
+_EDM_WAIT_S: Final = 10
+"""The instrument waits this long for its distance meter before it answers."""
+_REGAIN_S: Final = 3.0
+_REGAIN_STEP_S: Final = 0.2
+_BEGINNINGS: Final = 3
+_REPEATS: Final = 2
+"""Interruptions of the beam that one sample may have."""
+_LOCKS: Final = {ATRLock.NONE: Lock.NONE, ATRLock.LOCK: Lock.LOCKED, ATRLock.PREDICT: Lock.PREDICTED}
+
+Result = TypeVar("Result")
+
 
 def check_weather(device: str, weather: Weather) -> None:
     """Raises LimitExceeded for air that no workshop has: a sensor is broken, or the units are wrong."""
@@ -62,12 +82,6 @@ class Exactly(Byte):
 
     def __str__(self) -> str:
         return repr(self._number)
-
-
-_DIGITS: Final = 15
-_PRISM_NAME: Final = "CELLCTL"
-_CONSTANT_STEP_MM: Final = 0.0011
-"""geocompy writes metres with six decimals."""
 
 
 async def set_up(device: str, session: Session, reflector: Reflector) -> None:
@@ -125,22 +139,6 @@ async def _first_known(session: Session, newer: Call[None], older: Call[None]) -
         await session.set(newer)
         return
     await session.set(older)
-
-
-MEASURE_S: Final = 30.0
-"""Cell time for the answer to a measurement of angles or distance."""
-_TURN_S: Final = 60.0
-_SEARCH_S: Final = 60.0
-_EDM_WAIT_S: Final = 10
-"""The instrument waits this long for its distance meter before it answers."""
-_REGAIN_S: Final = 3.0
-_REGAIN_STEP_S: Final = 0.2
-_BEGINNINGS: Final = 3
-_REPEATS: Final = 2
-"""Interruptions of the beam that one sample may have."""
-_LOCKS: Final = {ATRLock.NONE: Lock.NONE, ATRLock.LOCK: Lock.LOCKED, ATRLock.PREDICT: Lock.PREDICTED}
-
-Result = TypeVar("Result")
 
 
 @final

@@ -19,6 +19,25 @@ from drivers.tcp_connection import connected, hang_up
 PORT = 7000
 EXAMPLE = "kuka+varproxy://172.31.1.147:7000"
 
+LARGEST_MESSAGE = 0xFFFF
+"""What the length field can state, bytes."""
+
+_HEADER = struct.Struct(">HHB")
+_FOOTER = struct.Struct(">HB")
+_LENGTHS = struct.Struct(">HH")
+_TEXT = struct.Struct(">H")
+_LEAST = 1 + _FOOTER.size
+
+ANSWER_S = 5.0
+"""Longest wait for an answer, in the cell's time. A variable takes several ms."""
+
+_CHUNK = 65536
+_LAST_NUMBER = 0xFFFF
+_CURE = (
+    "Make sure that the robot stands. Then look at the network, at the proxy's window on the controller, and at what "
+    "else talks to it."
+)
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -36,16 +55,6 @@ class ProxyPlace:
         if why := impossible_host(address.host, reached=True):
             raise ValueError(f"'{address}': {why}")
         return cls(address.host, address.port or PORT)
-
-
-LARGEST_MESSAGE = 0xFFFF
-"""What the length field can state, bytes."""
-
-_HEADER = struct.Struct(">HHB")
-_FOOTER = struct.Struct(">HB")
-_LENGTHS = struct.Struct(">HH")
-_TEXT = struct.Struct(">H")
-_LEAST = 1 + _FOOTER.size
 
 
 @final
@@ -126,17 +135,6 @@ class AnswerStream:
             answers.append(Answer(number, body[0], body[1 : -_FOOTER.size], code, bool(ok)))
             self._buffer = self._buffer[end:]
         return answers
-
-
-ANSWER_S = 5.0
-"""Longest wait for an answer, in the cell's time. A variable takes several ms."""
-
-_CHUNK = 65536
-_LAST_NUMBER = 0xFFFF
-_CURE = (
-    "Make sure that the robot stands. Then look at the network, at the proxy's window on the controller, and at what "
-    "else talks to it."
-)
 
 
 @final

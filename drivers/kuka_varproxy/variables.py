@@ -36,6 +36,24 @@ BANKS = 3
 JOB, JOB_KIND = "KV_JOB", "KV_JOB_T"
 BANK_KIND, ROW_KIND = "KV_BANK_T", "KV_ROW_T"
 
+AXES = 6
+
+_FIELD = re.compile(r'\s*(\w+(?:\[\])?)\s+("[^"]*"|[^\s,]+)\s*(?:,|$)')
+
+_CURE = "Is the generated program of this cell loaded (cellctl krl), and does its variable belong to this KSS?"
+
+Value = TypeVar("Value")
+
+CHUNK = 16_384
+"""Bytes of a file per message."""
+
+_BEGIN, _DATA, _END = 1, 2, 4
+_OVERWRITE = 64
+_NONE = 0
+_CODES = {0: "general error", 2: "access denied", 3: "wrong argument", 7: "not implemented", 9: "protocol error"}
+_SIZE = struct.Struct(">I")
+_CHUNK_HEAD = struct.Struct(">BII")
+
 
 def bank(number: int) -> str:
     """The head of a bank: id, check sum, number of rows."""
@@ -45,11 +63,6 @@ def bank(number: int) -> str:
 def row(bank_number: int, number: int) -> str:
     """A row of a bank, from 1."""
     return f"KV_TAB[{bank_number},{number}]"
-
-
-AXES = 6
-
-_FIELD = re.compile(r'\s*(\w+(?:\[\])?)\s+("[^"]*"|[^\s,]+)\s*(?:,|$)')
 
 
 def whole(text: str) -> int:
@@ -126,11 +139,6 @@ def _written(value: int | str) -> str:
     return f'"{value}"'
 
 
-_CURE = "Is the generated program of this cell loaded (cellctl krl), and does its variable belong to this KSS?"
-
-Value = TypeVar("Value")
-
-
 @final
 class Variables:
     """The variables behind a line. A value is text as KRL writes it: `"17"`, `"TRUE"`, `"#EX"`, `"{AXIS: A1 0.0, …}"`.
@@ -205,17 +213,6 @@ class Variables:
             return read(text)
         except ValueError as error:
             raise DeviceFault(self._device, f"the value of {name} makes no sense: {error}") from None
-
-
-CHUNK = 16_384
-"""Bytes of a file per message."""
-
-_BEGIN, _DATA, _END = 1, 2, 4
-_OVERWRITE = 64
-_NONE = 0
-_CODES = {0: "general error", 2: "access denied", 3: "wrong argument", 7: "not implemented", 9: "protocol error"}
-_SIZE = struct.Struct(">I")
-_CHUNK_HEAD = struct.Struct(">BII")
 
 
 @final

@@ -2,24 +2,10 @@
 
 from __future__ import annotations
 
-from urllib.parse import parse_qsl, urlsplit
-
+from sims.drives._address import SYNC, nodes_of
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
 
-SYNC = "drives.sync"
 _NODE = Setting("node", "whole", 1, 1, what="Its node number on the bus.")
-
-
-def nodes_of(address: str) -> tuple[int, ...]:
-    """Node numbers in the order of the axes. Raises ValueError where they are not different numbers of 1 … 127."""
-    text = dict(parse_qsl(urlsplit(address).query)).get("nodes", "")
-    try:
-        nodes = tuple(int(node) for node in text.split(","))
-    except ValueError:
-        nodes = ()
-    if not nodes or len(set(nodes)) < len(nodes) or not all(1 <= node <= 127 for node in nodes):
-        raise ValueError(f"nodes={text} are not different numbers of 1 … 127, one for each axis")
-    return nodes
 
 
 def _start(setup: Setup) -> Started:

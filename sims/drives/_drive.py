@@ -41,6 +41,34 @@ _TYPE_OF_BITS = {8: UNSIGNED8, 16: UNSIGNED16, 32: UNSIGNED32}
 MAPPABLE = {STATUSWORD: 16, ERROR_CODE: 16, POSITION: 32, TORQUE: 16, CURRENT: 16}
 """Objects for a TPDO → bits."""
 
+NOT_NOW = 0x0800_0022
+"""Abort codes of CiA 301: not in the present state of the device; not mappable; longer than 8 bytes; value range."""
+NOT_MAPPABLE, TOO_LONG, OUT_OF_RANGE = 0x0604_0041, 0x0604_0042, 0x0609_0030
+_PRE_OPERATIONAL = "PRE-OPERATIONAL"
+_LONGEST_BITS = 64
+
+VOLTAGE_ENABLED = 0x10
+REMOTE = 0x200
+"""Bit 9: the controlword has effect."""
+
+SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = 0x06, 0x07, 0x0F
+FAULT_RESET = 0x80
+
+_COMMANDS = (
+    (0x82, 0x00, "disable voltage"),
+    (0x86, 0x02, "quick stop"),
+    (0x87, 0x06, "shutdown"),
+    (0x8F, 0x07, "switch on"),
+    (0x8F, 0x0F, "enable operation"),
+)
+"""Mask, bits, command."""
+
+NM_PER_A = 0.4
+"""Torque constant of the motor, from which the rated torque follows."""
+INCREMENTS_PER_DEG = 10_000
+_GENERIC_ERROR = 0x01
+_OPERATIONAL = "OPERATIONAL"
+
 
 def objects_of(node: int, serial: int, rated_ma: int, rated_mnm: int) -> ObjectDictionary:
     """The dictionary of one drive with these rated values, 0x6075 in mA and 0x6076 in mN·m."""
@@ -91,13 +119,6 @@ def _variable(name: str, index: int, subindex: int, kind: int, access: str, valu
     variable.data_type, variable.access_type = kind, access
     variable.value = value  # type: ignore[assignment]  # a text for VISIBLE_STRING
     return variable
-
-
-NOT_NOW = 0x0800_0022
-"""Abort codes of CiA 301: not in the present state of the device; not mappable; longer than 8 bytes; value range."""
-NOT_MAPPABLE, TOO_LONG, OUT_OF_RANGE = 0x0604_0041, 0x0604_0042, 0x0609_0030
-_PRE_OPERATIONAL = "PRE-OPERATIONAL"
-_LONGEST_BITS = 64
 
 
 @final
@@ -172,22 +193,6 @@ class State(IntEnum):
     FAULT = 0x08
 
 
-VOLTAGE_ENABLED = 0x10
-REMOTE = 0x200
-"""Bit 9: the controlword has effect."""
-
-SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = 0x06, 0x07, 0x0F
-FAULT_RESET = 0x80
-
-_COMMANDS = (
-    (0x82, 0x00, "disable voltage"),
-    (0x86, 0x02, "quick stop"),
-    (0x87, 0x06, "shutdown"),
-    (0x8F, 0x07, "switch on"),
-    (0x8F, 0x0F, "enable operation"),
-)
-"""Mask, bits, command."""
-
 _S = State
 _TRANSITIONS = {
     (_S.SWITCH_ON_DISABLED, "shutdown"): _S.READY_TO_SWITCH_ON,
@@ -235,13 +240,6 @@ class StateMachine:
     def fail(self) -> None:
         """The drive has a fault: its power is off."""
         self.state = State.FAULT
-
-
-NM_PER_A = 0.4
-"""Torque constant of the motor, from which the rated torque follows."""
-INCREMENTS_PER_DEG = 10_000
-_GENERIC_ERROR = 0x01
-_OPERATIONAL = "OPERATIONAL"
 
 
 @final

@@ -8,8 +8,8 @@ from functools import partial
 from typing import final
 from urllib.parse import urlsplit
 
+from sims.drives._address import SYNC, nodes_of
 from sims.drives._bus import GROUP, MS, KernelNetwork, open_bus
-from sims.drives._description import SYNC, nodes_of
 from sims.drives._drive import Drive, Motor
 from sims.simulator import CannotStart, Request, Setup
 

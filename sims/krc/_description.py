@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from sims.faults import SEARCH, SEARCH_END
+from sims.faults import MOVE, SEARCH, SEARCH_END
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
-
-MOVE = "robot.move"
 
 
 def _start(setup: Setup) -> Started:

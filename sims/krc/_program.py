@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import final
 
-from sims.faults import SEARCH, SEARCH_END
+from sims.faults import MOVE, SEARCH, SEARCH_END
 from sims.kernel import Event
-from sims.krc._description import MOVE
 from sims.krc._eki_messages import Code, Command, TableDesk, print_reply, print_state, read_command
 from sims.krc._rsi_exchange import MS, RsiContext
 from sims.krc._rsi_session import OwnProgram, PathCorrection, RsiSession

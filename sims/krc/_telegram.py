@@ -19,6 +19,34 @@ _MOST_CHANNELS = 64
 _FREE_TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*(\.[A-Za-z0-9_-]+)?")
 _INDEX = re.compile(r"[0-9]{1,2}")
 
+Value = Callable[[], Sequence[float]]
+
+_POSE = ("X", "Y", "Z", "A", "B", "C")
+_EXTERNAL = tuple(f"E{i}" for i in range(1, 7))
+_GENERATORS = tuple(f"{run}{generator}" for run in "CT" for generator in range(1, 7))
+ATTRIBUTES: dict[str, tuple[str, ...]] = {
+    "RIst": _POSE,
+    "RSol": _POSE,
+    "AIPos": AXES,
+    "ASPos": AXES,
+    "EIPos": _EXTERNAL,
+    "ESPos": _EXTERNAL,
+    "MACur": AXES,
+    "MECur": _EXTERNAL,
+    "Delay": ("D",),
+    **{f"Tech.{name}": tuple(f"{name}{i}" for i in range(1, 11)) for name in _GENERATORS},
+}
+"""Internal tags that this controller can send, and their attributes: always six for axes, whatever the robot has.
+
+Tech: ten parameters of each function generator, `C` those of the main run, `T` those of the advance run.
+"""
+
+LARGEST_IPOC = 10**15
+LARGEST_VALUE = 3600.0
+"""Of a correction, degrees: ten turns."""
+
+_TRUTH = {"TRUE": 1.0, "FALSE": 0.0, "true": 1.0, "false": 0.0}
+
 
 class BadConfig(CannotStart):
     """The configuration is not one that RSI_CREATE takes; the text names file and cause."""
@@ -133,29 +161,6 @@ def _correction(path: Path, receive: tuple[Element, ...]) -> tuple[str, ...]:
     raise BadConfig(f"{path}: RECEIVE: no {wanted} to wire to AXISCORR")
 
 
-Value = Callable[[], Sequence[float]]
-
-_POSE = ("X", "Y", "Z", "A", "B", "C")
-_EXTERNAL = tuple(f"E{i}" for i in range(1, 7))
-_GENERATORS = tuple(f"{run}{generator}" for run in "CT" for generator in range(1, 7))
-ATTRIBUTES: dict[str, tuple[str, ...]] = {
-    "RIst": _POSE,
-    "RSol": _POSE,
-    "AIPos": AXES,
-    "ASPos": AXES,
-    "EIPos": _EXTERNAL,
-    "ESPos": _EXTERNAL,
-    "MACur": AXES,
-    "MECur": _EXTERNAL,
-    "Delay": ("D",),
-    **{f"Tech.{name}": tuple(f"{name}{i}" for i in range(1, 11)) for name in _GENERATORS},
-}
-"""Internal tags that this controller can send, and their attributes: always six for axes, whatever the robot has.
-
-Tech: ten parameters of each function generator, `C` those of the main run, `T` those of the advance run.
-"""
-
-
 @final
 class TelegramFormat:
     """Prints telegrams; `values` gives the numbers of each internal tag when one is sent, zeros where it has none.
@@ -212,13 +217,6 @@ def _element_format(head: str, elements: Sequence[Element], precision: int) -> s
 def _nothing(type_: str, precision: int) -> str:
     """What a channel shows to which nothing is wired."""
     return {"STRING": "", "DOUBLE": f"{0:.{precision}f}"}.get(type_, "0")
-
-
-LARGEST_IPOC = 10**15
-LARGEST_VALUE = 3600.0
-"""Of a correction, degrees: ten turns."""
-
-_TRUTH = {"TRUE": 1.0, "FALSE": 0.0, "true": 1.0, "false": 0.0}
 
 
 @final

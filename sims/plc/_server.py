@@ -9,7 +9,7 @@ from typing import final
 
 from sims.faults import Faults
 from sims.kernel import Event, Kernel
-from sims.plc._description import HEARTBEAT, low_first, unit_of
+from sims.plc._address import HEARTBEAT, low_first, unit_of
 from sims.plc._modbus import ILLEGAL_VALUE, NO_TARGET, Frame, FrameStream, ModbusException, answer, exception
 from sims.scene.scene import Scene
 from sims.simulator import Request, Setup, with_settings

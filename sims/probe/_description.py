@@ -2,17 +2,8 @@
 
 from __future__ import annotations
 
-from urllib.parse import parse_qsl, urlsplit
-
+from sims.probe._address import ARM, CONTACT, baud_of
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
-
-ARM, CONTACT = "probe.arm", "probe.contact"
-BAUD = 250_000
-
-
-def baud_of(address: str) -> int:
-    """Of the serial line, as the address has it. Raises ValueError where that is no whole number."""
-    return int(dict(parse_qsl(urlsplit(address).query)).get("baud", BAUD))
 
 
 def _start(setup: Setup) -> Started:

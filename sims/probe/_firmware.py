@@ -13,6 +13,19 @@ from sims.probe._lines import HostLine, Message, Outbox
 TICK_HZ = 2_000_000
 WORST_PPM = 50.0
 
+PROTOCOL = 1
+VERSION = "sim-1"
+
+_MS = 1_000_000
+HEARTBEAT_NS = 50 * _MS
+CONFIRM_NS = 2 * _MS
+OPEN_NS = 20 * _MS
+STUCK_NS = 10_000 * _MS
+HOST_SILENT_NS = 500 * _MS
+
+_REMEMBERED = 8
+"""ARM and DISARM whose answers are kept for repetitions."""
+
 
 @final
 class Crystal:
@@ -37,20 +50,6 @@ class Crystal:
     def tick(self, now_ns: int) -> int:
         """The count at `now_ns`."""
         return (self._first + (now_ns - self._zero_ns) * self._micro_hz // 10**15) % 2**32
-
-
-PROTOCOL = 1
-VERSION = "sim-1"
-
-_MS = 1_000_000
-HEARTBEAT_NS = 50 * _MS
-CONFIRM_NS = 2 * _MS
-OPEN_NS = 20 * _MS
-STUCK_NS = 10_000 * _MS
-HOST_SILENT_NS = 500 * _MS
-
-_REMEMBERED = 8
-"""ARM and DISARM whose answers are kept for repetitions."""
 
 
 class State(StrEnum):

@@ -8,7 +8,7 @@ from typing import final
 
 from sims.faults import Faults
 from sims.kernel import Event, Hold, Kernel
-from sims.probe._description import ARM, CONTACT, baud_of
+from sims.probe._address import ARM, CONTACT, baud_of
 from sims.probe._firmware import Crystal, Firmware, State
 from sims.probe._lines import HostLine, Receiver, Transmitter, parse_host_line
 from sims.scene.contact import ContactLoop

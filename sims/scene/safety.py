@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import final
 
 from sims.faults import Faults
-from sims.simulator import FOR_MS, FaultKind, Setting
+from sims.settings import FOR_MS, FaultKind, Setting
 
 EMERGENCY_STOP = FaultKind("safety.emergency_stop", "somebody presses the emergency stop", (FOR_MS,))
 GUARD_OPEN = FaultKind("safety.guard_open", "somebody opens the guard door", (FOR_MS,))

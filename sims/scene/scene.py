@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import dist
 from typing import Any, TextIO, final
 
-from sims.cell import Reflectors, SimCell
+from sims.cell_content import Reflectors, SimCell
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory

@@ -9,7 +9,7 @@ from typing import Any, final
 from sims.scene.motions import Joints
 from sims.simulator import CannotStart, Refused, Request, Setup, with_settings
 from sims.varproxy import _proxy
-from sims.varproxy._description import C3, ROW
+from sims.varproxy._names import C3, ROW
 from sims.varproxy._program import KvpProgram
 from sims.varproxy._proxy import (
     GENERAL,

@@ -5,10 +5,7 @@ from __future__ import annotations
 from urllib.parse import urlsplit
 
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
-
-JOB = "varproxy.job"
-ROW = "varproxy.row"
-C3, KUKAVARPROXY = "c3_bridge", "kukavarproxy"
+from sims.varproxy._names import C3, JOB, KUKAVARPROXY, ROW
 
 
 def _start(setup: Setup) -> Started:

@@ -29,6 +29,29 @@ GRAVITY_M_S2 = 9.80665
 Turn = tuple[float, float]
 """Cosine and sine of a joint's angle."""
 
+KG_PER_M2 = 20.0
+"""Of link, per metre of its length (and of a drive's housing) and metre of reach beyond its joint."""
+HOUSING_M = 0.15
+LEAST_REACH_M = 0.25
+WEIGHT_SPREAD = 0.2
+ALONG = (0.3, 0.5)
+"""The centre of mass, as share of the way from a link's axis to the next: the drives sit at its beginning."""
+ASIDE_MM = 15.0
+TOOL_ALONG = (0.4, 0.6)
+"""The tool's centre of mass, as share of the way from the flange to the taught TCP."""
+RATED_KG_PER_M = 4.0
+"""Rated load, per metre of reach; held so far before the flange and beside its axis:"""
+RATED_AT_MM = (100.0, 0.0, 100.0)
+WIND_UP_MRAD = (0.25, 0.6)
+"""What a drive turns by under the greatest moment that it is rated for."""
+_POSES = 200
+
+AT_REST_RAD = 1e-13
+_MOST_ROUNDS = 60
+
+TOOL_COMPLIANCE = 0.00036
+"""c_t = 1/(E·I) of the torch, 1/(N·m²); Wang et al. 2024, identified."""
+
 
 @final
 @dataclass(frozen=True, slots=True)
@@ -101,24 +124,6 @@ def turned_about(direction: Vector, turn: Turn, vector: Vector) -> Vector:
     )
 
 
-KG_PER_M2 = 20.0
-"""Of link, per metre of its length (and of a drive's housing) and metre of reach beyond its joint."""
-HOUSING_M = 0.15
-LEAST_REACH_M = 0.25
-WEIGHT_SPREAD = 0.2
-ALONG = (0.3, 0.5)
-"""The centre of mass, as share of the way from a link's axis to the next: the drives sit at its beginning."""
-ASIDE_MM = 15.0
-TOOL_ALONG = (0.4, 0.6)
-"""The tool's centre of mass, as share of the way from the flange to the taught TCP."""
-RATED_KG_PER_M = 4.0
-"""Rated load, per metre of reach; held so far before the flange and beside its axis:"""
-RATED_AT_MM = (100.0, 0.0, 100.0)
-WIND_UP_MRAD = (0.25, 0.6)
-"""What a drive turns by under the greatest moment that it is rated for."""
-_POSES = 200
-
-
 @final
 @dataclass(frozen=True, slots=True)
 class Body:
@@ -173,10 +178,6 @@ def _greatest_moments(axes: Sequence[Axis], links: Sequence[Mass], random: np.ra
     return [float(moment) for moment in np.max(moments, axis=0)]
 
 
-AT_REST_RAD = 1e-13
-_MOST_ROUNDS = 60
-
-
 class Falls(ArithmeticError):
     """The drives are too soft for what they carry: there is no pose near the commanded one in which it is held."""
 
@@ -223,10 +224,6 @@ class Compliance:
             return self._links
         payload = Mass(payload_kg * GRAVITY_M_S2, at)
         return *self._links[:-1], self._links[-1].together(payload)
-
-
-TOOL_COMPLIANCE = 0.00036
-"""c_t = 1/(E·I) of the torch, 1/(N·m²); Wang et al. 2024, identified."""
 
 
 @final

@@ -10,11 +10,31 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from sims.cell import Artefact, Distance, Reflectors, Station
+from sims.cell_content import Artefact, Distance, Reflectors, Station
 from sims.world.errors import generator, unit_vector
 from sims.world.kinematics import Matrix, Vector, pose, turn, vector
 
 _STEPS = 50
+
+PLATE_SHIFT_MM = 2.0
+PLATE_TURN_DEG = 0.3
+
+OFFSET_MM = 0.5
+"""1 σ on each axis."""
+
+STATION_SHIFT_MM = 10.0
+HEADING_DEG = 0.2
+"""1 σ; at 3 m across the beam as much as SHIFT_MM."""
+LEVEL_DEG = (0.005, 0.03)
+"""Inclination of a levelled instrument's standing axis, from … to: 0.3 to 1.8 arc minutes."""
+UPRIGHT_DEG = 3.0
+"""An instrument whose rough standing axis leans less than this has been levelled by a person."""
+DRIFT_MM_PER_H = 0.03
+"""A steel or aluminium stand of 1.2 m that becomes 1 to 2 K warmer in an hour."""
+DRIFT_DEG_PER_H = 0.0003
+NEST_MM = 1.5
+"""1 σ on each axis."""
+_HOUR_NS = 3.6e12
 
 
 def certified(
@@ -52,10 +72,6 @@ def _spacings(
     return jacobian.reshape(len(pairs), -1), spacings
 
 
-PLATE_SHIFT_MM = 2.0
-PLATE_TURN_DEG = 0.3
-
-
 @final
 @dataclass(frozen=True, slots=True)
 class TrueSphere:
@@ -87,10 +103,6 @@ def true_plate_z(artefact: Artefact, spheres: Sequence[TrueSphere]) -> float | N
         return None
     raised = [true.centre[2] - rough.centre[2] for true, rough in zip(spheres, artefact.spheres, strict=True)]
     return artefact.plate.z + sum(raised) / len(raised)
-
-
-OFFSET_MM = 0.5
-"""1 σ on each axis."""
 
 
 @final
@@ -128,21 +140,6 @@ class TrueReflectors:
             Target(name, vector(place), vector(way), self._acceptance_deg, constant_mm)
             for name, place, way in zip(self._names, places, facing, strict=True)
         ]
-
-
-STATION_SHIFT_MM = 10.0
-HEADING_DEG = 0.2
-"""1 σ; at 3 m across the beam as much as SHIFT_MM."""
-LEVEL_DEG = (0.005, 0.03)
-"""Inclination of a levelled instrument's standing axis, from … to: 0.3 to 1.8 arc minutes."""
-UPRIGHT_DEG = 3.0
-"""An instrument whose rough standing axis leans less than this has been levelled by a person."""
-DRIFT_MM_PER_H = 0.03
-"""A steel or aluminium stand of 1.2 m that becomes 1 to 2 K warmer in an hour."""
-DRIFT_DEG_PER_H = 0.0003
-NEST_MM = 1.5
-"""1 σ on each axis."""
-_HOUR_NS = 3.6e12
 
 
 @final

@@ -11,7 +11,7 @@ from typing import final
 
 import numpy as np
 
-from sims.cell import Artefact, SimCell
+from sims.cell_content import Artefact, SimCell
 from sims.conditions import REFERENCE_C, USUAL, Conditions, Payload
 from sims.robot_file import RobotFile
 from sims.world._gravity import GRAVITY_M_S2, Bending, Body, Compliance, Mass, drawn_body

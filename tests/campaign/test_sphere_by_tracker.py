@@ -12,7 +12,7 @@ from cell_runs import cellctl
 
 from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
-from procedures.steps.by_tracker.judging import ByTrackerVerdict, JudgedPosesRow
+from procedures.steps.by_tracker.rows import ByTrackerVerdict, JudgedPosesRow
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

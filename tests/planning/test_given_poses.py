@@ -12,8 +12,9 @@ from cell_runs import ROOT
 
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet
+from procedures.steps.tracker.plans import PosePlan
 from procedures.steps.tracker.pose_planning import planned_rounds
-from procedures.steps.tracker.posing import PlanInputs, PosePlan
+from procedures.steps.tracker.posing import PlanInputs
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 CELL = load_yaml(ROOT / "procedures" / "cells" / "tracker_cell.yaml")

@@ -38,31 +38,6 @@ from cellctl.calibration.selection.model_error import (
 )
 from cellctl.kinematics import Bools, Floats
 
-
-def sampled(rows: RowBlocks, most: int) -> Any:
-    """Indices, ascending, of `most` of the `rows` (all, if these are fewer), at random: equally many of each block, and
-    within it of each point, as far as it has them.
-    """
-    rng = np.random.default_rng(len(rows))
-    chosen = [np.zeros(0, int)]
-    shares = _shared([len(block) for block in rows.blocks], most)
-    for (block, mine, _), share in zip(rows.parts(), shares, strict=True):
-        order = rng.permutation(len(block))
-        point = block.visited[order]
-        points, sizes = np.unique(point, return_counts=True)
-        for each, own in zip(points, _shared(sizes, share), strict=True):
-            chosen.append(mine.start + order[point == each][:own])
-    return np.sort(np.concatenate(chosen))
-
-
-def _shared(sizes: Any, most: int) -> Any:
-    """How many of each of `sizes` (S,) make `most`: all of small ones, and as many of each of the others."""
-    result = np.zeros(len(sizes), int)
-    for done, place in enumerate(np.argsort(sizes, kind="stable")):
-        result[place] = min(sizes[place], (most - result.sum()) // (len(sizes) - done))
-    return result
-
-
 OUTLIERS_AT_MOST = 0.2
 FEW = 2
 """If more than this share of the rows, or of those of one block, are not inliers, the rows cannot show which are
@@ -93,6 +68,30 @@ FEW_SCALES = 5
 
 SEARCHED = 3000
 """Up to so many rows are searched for inliers; of more, a sample is searched and predicts the others."""
+
+
+def sampled(rows: RowBlocks, most: int) -> Any:
+    """Indices, ascending, of `most` of the `rows` (all, if these are fewer), at random: equally many of each block, and
+    within it of each point, as far as it has them.
+    """
+    rng = np.random.default_rng(len(rows))
+    chosen = [np.zeros(0, int)]
+    shares = _shared([len(block) for block in rows.blocks], most)
+    for (block, mine, _), share in zip(rows.parts(), shares, strict=True):
+        order = rng.permutation(len(block))
+        point = block.visited[order]
+        points, sizes = np.unique(point, return_counts=True)
+        for each, own in zip(points, _shared(sizes, share), strict=True):
+            chosen.append(mine.start + order[point == each][:own])
+    return np.sort(np.concatenate(chosen))
+
+
+def _shared(sizes: Any, most: int) -> Any:
+    """How many of each of `sizes` (S,) make `most`: all of small ones, and as many of each of the others."""
+    result = np.zeros(len(sizes), int)
+    for done, place in enumerate(np.argsort(sizes, kind="stable")):
+        result[place] = min(sizes[place], (most - result.sum()) // (len(sizes) - done))
+    return result
 
 
 @final

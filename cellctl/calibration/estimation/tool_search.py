@@ -44,6 +44,15 @@ APART_MM = 0.5
 MOST = 8
 """At most so many distinct tools are kept, those nearest to the rows."""
 
+IMPROBABLE = 0.01
+"""A tool whose probability relative to the best is below this is rejected."""
+
+ALIKE = 0.5
+"""Two tools with odds of at least this count as equally probable."""
+
+BEYOND = 16.3
+"""A tool within this squared distance, in σ, of the one found is the same: 99.9 % of χ² with three degrees."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -224,16 +233,6 @@ def _certified(certain: Sequence[Rows], points: Any) -> tuple[Any, Floats, Float
     mm = np.concatenate([np.zeros(0), *(block.mm for block in blocks)])
     sigma = np.concatenate([np.zeros(0), *(block.sigma[:, 0] for block in blocks)])
     return np.searchsorted(points, pairs[both]), mm[both], sigma[both]
-
-
-IMPROBABLE = 0.01
-"""A tool whose probability relative to the best is below this is rejected."""
-
-ALIKE = 0.5
-"""Two tools with odds of at least this count as equally probable."""
-
-BEYOND = 16.3
-"""A tool within this squared distance, in σ, of the one found is the same: 99.9 % of χ² with three degrees."""
 
 
 def tools(unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> list[State]:

@@ -26,6 +26,30 @@ MOVED_RAD = 0.8
 TURNS = 20_000
 """Rows of a block, at most, that decide whether orientation changes."""
 
+SPHERE_MM = 150.0
+"""A row nearer to its point than this touches a sphere; a ball-bar or a draw-wire is longer."""
+
+APART = 0.3
+"""Assumed distance of a second point from the first, as a share of the first one's distance from the base."""
+
+LENGTH_SIGMA_MM = 0.01
+LENGTHLESS = "no row has a length in it, so the robot's size is not seen"
+
+STEP_MM = 200.0
+"""Height of the step, known exactly, that gives a plane a length."""
+
+STILL_DEG = 0.1
+"""A joint with a smaller range does not move: a controller's last digits."""
+
+HARDLY_DEG = 20.0
+"""A joint or an orientation with a smaller range is reported with that range."""
+
+SAME_DEG = 1.0
+"""Orientations nearer than this to each other are one."""
+
+ONE_AXIS = 0.02
+"""Turns about other axes are smaller than this share of those about the main one: there is only one axis."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -91,16 +115,6 @@ class Rowed:
         return np.concatenate([rotation_vector(each) for each in turned])
 
 
-SPHERE_MM = 150.0
-"""A row nearer to its point than this touches a sphere; a ball-bar or a draw-wire is longer."""
-
-APART = 0.3
-"""Assumed distance of a second point from the first, as a share of the first one's distance from the base."""
-
-LENGTH_SIGMA_MM = 0.01
-LENGTHLESS = "no row has a length in it, so the robot's size is not seen"
-
-
 def of_points(rows: Rowed) -> Iterator[Reason]:
     """A single fixed point, or several without a length."""
     points = rows.points()
@@ -161,10 +175,6 @@ def _shifted(block: Measured, state: State, by: Floats) -> Measured:
     return brought(block, model, block.q, model.tcp(block.postures) + by, everywhere)
 
 
-STEP_MM = 200.0
-"""Height of the step, known exactly, that gives a plane a length."""
-
-
 def of_planes(rows: Rowed) -> Iterator[Reason]:
     """A single plane, or several without a length."""
     blocks = [block for block in rows.blocks if block.of_planes]
@@ -211,19 +221,6 @@ def _turned(block: Measured, state: State, tcps: Floats) -> Measured:
 
 def _all_joints(block: Measured) -> Bools:
     return np.ones(block.q.shape[1], bool)
-
-
-STILL_DEG = 0.1
-"""A joint with a smaller range does not move: a controller's last digits."""
-
-HARDLY_DEG = 20.0
-"""A joint or an orientation with a smaller range is reported with that range."""
-
-SAME_DEG = 1.0
-"""Orientations nearer than this to each other are one."""
-
-ONE_AXIS = 0.02
-"""Turns about other axes are smaller than this share of those about the main one: there is only one axis."""
 
 
 def reasons_for(rows: Rowed) -> Iterator[Reason]:

@@ -25,7 +25,7 @@ from cellctl.calibration.prediction.measured_region import MeasuredRegion
 from cellctl.calibration.rows import Measured
 from cellctl.calibration.selection.cross_validation import squared_distances
 from cellctl.kinematics import Bools, Floats
-from cellctl.kinematics.low_discrepancy import sobol
+from cellctl.kinematics.low_discrepancy import spread_over
 
 POINTS = 256
 """Points over which the uncertainty in a joint region is averaged."""
@@ -53,11 +53,6 @@ def shape_columns(model: RobotModel, at: At, over: At | None = None) -> Floats:
 
 def _columns(model: RobotModel, postures: Postures) -> Floats:
     return np.asarray(model.jacobian(postures)[:, :3].reshape(3 * len(postures), -1))
-
-
-def spread_over(lower: Floats, upper: Floats, points: int = POINTS) -> Floats:
-    """Joint angles (points, n) spread evenly (Sobol) over lower (n,) … upper (n,); points: a power of two."""
-    return np.asarray(lower + sobol(len(lower), scramble=False).random(points) * (upper - lower))
 
 
 def _rigid_motions(arms: Floats) -> Floats:
@@ -118,7 +113,7 @@ def sigma_over_region(
     model: RobotModel, covariance: Floats, lower: Floats, upper: Floats, region: MeasuredRegion | None = None
 ) -> float:
     """`sigma_among` for points spread evenly (Sobol) over the joint region lower (n,) … upper (n,), rad; mm."""
-    return sigma_among(model, covariance, spread_over(lower, upper), region)
+    return sigma_among(model, covariance, spread_over(lower, upper, POINTS, scramble=False), region)
 
 
 def gauge_fixed(covariance: Floats, names: Sequence[str]) -> Floats:

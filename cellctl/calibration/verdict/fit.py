@@ -18,7 +18,7 @@ from cellctl.calibration.observability.other_postures import in_their_sockets
 from cellctl.calibration.observability.reasons import Rowed
 from cellctl.calibration.observability.unobservable import Observability, observability
 from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion, informed
-from cellctl.calibration.prediction.predict import sigma_among, spread_over
+from cellctl.calibration.prediction.predict import POINTS, sigma_among
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import Step, climb
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
@@ -26,6 +26,7 @@ from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOu
 from cellctl.calibration.verdict.proof import Split, doubts, sigma_doubts
 from cellctl.calibration.verdict.reliability import Reliability, mostly_outside
 from cellctl.kinematics import Floats
+from cellctl.kinematics.low_discrepancy import spread_over
 
 _GAPS = "most combinations of these joint angles were not measured"
 
@@ -194,7 +195,7 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
     )
     own_parameters = informed(final_one.identified)
     region = whole.reliability.region if task.region is None or own_parameters else task.region
-    ranges = spread_over(region.lower, region.upper)
+    ranges = spread_over(region.lower, region.upper, POINTS, scramble=False)
     at_postures = _why_at_postures(final_one.identified, ranges, region)
     return FitResult(
         identification=final_one,

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from pydantic import BaseModel, Field
 
-from cellctl import __version__
 from cellctl.console.shared import console
+from cellctl.version import __version__
 
 router = APIRouter(prefix="/api", tags=["console"])
 

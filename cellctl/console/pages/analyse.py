@@ -25,6 +25,35 @@ from cellctl.operations.analyses import roles
 
 Handler = Callable[..., Any]
 
+_CHOICES = {
+    "unit": ("Unit of X, Y, Z", ["", "mm", "m", "cm", "um", "inch"]),
+    "angles": ("Unit of the joints", ["", "deg", "rad"]),
+    "decimal": ("Decimal sign", ["", "point", "comma"]),
+    "pair": ("Pair two files by", ["", "name", "order"]),
+    "orientation": ("Orientations are", ["", "abc", "quaternion", "fixed-xyz", "euler-xyz", "rotation-vector"]),
+    "j3": ("Third joint counts from (FANUC)", ["", "horizontal", "arm"]),
+}
+_ROBOT = "Robot of the library"
+_COLUMNS = "Columns of the file"
+REPEATABILITY = "Repeatability of a URDF's robot, mm"
+_LABELS = {name: label for name, (label, _) in _CHOICES.items()}
+
+STATES: dict[str, tuple[State, str]] = {
+    "better": ("good", "better than nominal"),
+    "no better": ("warning", "no better than nominal"),
+    "worse": ("bad", "worse than nominal"),
+    "new": ("off", "not fitted yet"),
+    "running": ("working", "fitting"),
+    "failed": ("bad", "not fitted: input refused"),
+    "cancelled": ("off", "cancelled"),
+    "cut off": ("warning", "cut off"),
+}
+"""Word of each verdict, and of each state without one."""
+
+_EXAMPLE = """A1,A2,A3,A4,A5,A6,X,Y,Z
+20.0,-70.0,80.0,10.0,50.0,30.0,1090.37,-460.32,439.12
+-35.5,-62.1,71.4,0.0,48.2,90.0,812.04,604.77,512.90"""
+
 
 def drop_zone(title: str, note: str, on_files: Handler, on_rejected: Handler) -> ui.upload:
     """A zone to drop files; its button opens the file dialog. All files dropped together arrive in one call."""
@@ -66,18 +95,6 @@ def _choose(zone: ui.upload, text: str) -> None:
     button.on("click", js_handler=f"() => getElement({zone.id}).$refs.qRef.pickFiles()")
 
 
-_CHOICES = {
-    "unit": ("Unit of X, Y, Z", ["", "mm", "m", "cm", "um", "inch"]),
-    "angles": ("Unit of the joints", ["", "deg", "rad"]),
-    "decimal": ("Decimal sign", ["", "point", "comma"]),
-    "pair": ("Pair two files by", ["", "name", "order"]),
-    "orientation": ("Orientations are", ["", "abc", "quaternion", "fixed-xyz", "euler-xyz", "rotation-vector"]),
-    "j3": ("Third joint counts from (FANUC)", ["", "horizontal", "arm"]),
-}
-_ROBOT = "Robot of the library"
-_COLUMNS = "Columns of the file"
-REPEATABILITY = "Repeatability of a URDF's robot, mm"
-_LABELS = {name: label for name, (label, _) in _CHOICES.items()}
 _LABELS |= {"robot": _ROBOT, "columns": _COLUMNS, "repeatability": REPEATABILITY}
 _OPTION = re.compile(rf"--({'|'.join(_LABELS)})\b(?: MM\b)? *")
 
@@ -125,23 +142,6 @@ def names_fields(problem: Problem) -> Problem:
         for text in (problem.file, problem.what, problem.cure)
     )
     return replace(problem, file=file, what=what, cure=cure)
-
-
-STATES: dict[str, tuple[State, str]] = {
-    "better": ("good", "better than nominal"),
-    "no better": ("warning", "no better than nominal"),
-    "worse": ("bad", "worse than nominal"),
-    "new": ("off", "not fitted yet"),
-    "running": ("working", "fitting"),
-    "failed": ("bad", "not fitted: input refused"),
-    "cancelled": ("off", "cancelled"),
-    "cut off": ("warning", "cut off"),
-}
-"""Word of each verdict, and of each state without one."""
-
-_EXAMPLE = """A1,A2,A3,A4,A5,A6,X,Y,Z
-20.0,-70.0,80.0,10.0,50.0,30.0,1090.37,-460.32,439.12
--35.5,-62.1,71.4,0.0,48.2,90.0,812.04,604.77,512.90"""
 
 
 @ui.page("/analyse", response_timeout=10.0)

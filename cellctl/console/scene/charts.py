@@ -24,6 +24,33 @@ NOMINAL, IDENTIFIED = ROBOTS
 
 Pair = tuple[float, float]
 
+_NOMINAL, _IDENTIFIED, _SIGMA = "#d55e00", "#0072b2", "#4b545e"
+_SOFT, _LINE = "#5a6169", "#e4e8ec"
+_FONT = "'Helvetica Neue', Arial, 'Liberation Sans', sans-serif"
+_FEW = 400
+"""More points than these are drawn smaller."""
+
+LEAST_MM = 0.001
+"""Smaller values are drawn here: a logarithmic scale has no zero, and less than 1 µm means nothing."""
+
+Options = dict[str, Any]
+
+_ICONS = {"solid": "path://M0 4h24v2H0z", "dashed": "path://M0 4h10v2H0z M14 4h10v2H14z"}
+_DASHES = tuple(_ICONS)
+
+_EMPTY = {"min": 0.01, "max": 10}
+"""The range of a chart without points."""
+
+_RANGE = {
+    ":min": "(range) => Math.min(0.01, 10 ** Math.floor(Math.log10(range.min)))",
+    ":max": "(range) => Math.max(10, 10 ** Math.ceil(Math.log10(range.max)))",
+}
+"""The range of the colours, or more if there are such values: charts can be compared."""
+
+_TOOLTIP = "(p) => p.data[2] ? `${p.data[2]}<br>${p.seriesName}: ${p.data[3].toFixed(3)} mm` : p.seriesName"
+
+_SCRIPT = (Path(__file__).parent / "charts.js").read_text(encoding="utf-8")
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -148,18 +175,6 @@ def _sigma_note(levels: Sequence[object], targets: Sequence[Points]) -> str:
     return "" if targets else "σ of each target is not in the journal yet; the lines are σ over the joints of the fit."
 
 
-_NOMINAL, _IDENTIFIED, _SIGMA = "#d55e00", "#0072b2", "#4b545e"
-_SOFT, _LINE = "#5a6169", "#e4e8ec"
-_FONT = "'Helvetica Neue', Arial, 'Liberation Sans', sans-serif"
-_FEW = 400
-"""More points than these are drawn smaller."""
-
-LEAST_MM = 0.001
-"""Smaller values are drawn here: a logarithmic scale has no zero, and less than 1 µm means nothing."""
-
-Options = dict[str, Any]
-
-
 def residual_options(series: Series) -> Options:
     """Residual by point: colour and shape by robot and use."""
     shown = [_scatter(line, *_look(line), size=_size(series)) for line in series.residuals]
@@ -178,10 +193,6 @@ def sigma_options(series: Series) -> Options:
         ),
     ]
     return _options(shown, "measured point, in order", "1 σ, mm", series.sigma_note if not shown else "")
-
-
-_ICONS = {"solid": "path://M0 4h24v2H0z", "dashed": "path://M0 4h10v2H0z M14 4h10v2H14z"}
-_DASHES = tuple(_ICONS)
 
 
 def _look(line: Line) -> tuple[str, str]:
@@ -274,18 +285,6 @@ def _entry(series: Options) -> Options:
     return {"name": series["name"], "icon": _ICONS[series["lineStyle"]["type"]]}
 
 
-_EMPTY = {"min": 0.01, "max": 10}
-"""The range of a chart without points."""
-
-_RANGE = {
-    ":min": "(range) => Math.min(0.01, 10 ** Math.floor(Math.log10(range.min)))",
-    ":max": "(range) => Math.max(10, 10 ** Math.ceil(Math.log10(range.max)))",
-}
-"""The range of the colours, or more if there are such values: charts can be compared."""
-
-_TOOLTIP = "(p) => p.data[2] ? `${p.data[2]}<br>${p.seriesName}: ${p.data[3].toFixed(3)} mm` : p.seriesName"
-
-
 def _axis() -> Options:
     return {
         "nameTextStyle": {"color": _SOFT},
@@ -306,9 +305,6 @@ def _words(text: str) -> Options:
         "textAlign": "center",
     }
     return {"type": "text", "left": "center", "top": "35%", "style": style}
-
-
-_SCRIPT = (Path(__file__).parent / "charts.js").read_text(encoding="utf-8")
 
 
 @final

@@ -29,6 +29,25 @@ _THICKNESS = 0.08
 VIEWS = {"All": (0.75, -0.6, 0.42), "Front": (1.0, 0.0, 0.06), "Side": (0.0, -1.0, 0.06), "Top": (0.001, -0.02, 1.0)}
 """Direction from the content to the camera, in the robot's base frame."""
 
+PAGE = 25
+"""Points on a page of the table."""
+
+HEADINGS = ("what", "use", "state", "X, mm", "Y, mm", "Z, mm", "residual, mm", "σ, mm")
+
+_WORDS = 3
+"""The first columns are words, the others numbers."""
+
+Row = tuple[str, ...]
+
+CSS = (Path(__file__).parent / "scene.css").read_text(encoding="utf-8")
+
+_NO_WEBGL = "This browser draws no 3-D pictures (WebGL is off). The table below has the same content."
+"""Behind the picture, which hides it."""
+
+_GROUND = "#f4f6f8"
+_GRID = (12, 24)
+"""Size of the grid on the floor, m, and its squares along one side."""
+
 
 def look_at_all(scene: ui.scene, content: SceneContent, view: str, duration_s: float) -> None:
     """Move the camera so that it shows the content from a side of `VIEWS`."""
@@ -78,17 +97,6 @@ def _corners(content: SceneContent) -> Floats:
     corners += [_around(body, content.floor_mm) for body in content.bodies if body.kind is not Kind.NEST]
     corners += [group.at for group in content.points]
     return np.asarray(0.001 * (np.concatenate(corners) - [0.0, 0.0, content.floor_mm]))
-
-
-PAGE = 25
-"""Points on a page of the table."""
-
-HEADINGS = ("what", "use", "state", "X, mm", "Y, mm", "Z, mm", "residual, mm", "σ, mm")
-
-_WORDS = 3
-"""The first columns are words, the others numbers."""
-
-Row = tuple[str, ...]
 
 
 def body_rows(content: SceneContent) -> list[Row]:
@@ -210,16 +218,6 @@ class _Part:
 def _cell(tag: str, text: str, column: int, props: str = "") -> None:
     with ui.element(tag).classes("words" if column < _WORDS else "").props(props):
         ui.label(text)
-
-
-CSS = (Path(__file__).parent / "scene.css").read_text(encoding="utf-8")
-
-_NO_WEBGL = "This browser draws no 3-D pictures (WebGL is off). The table below has the same content."
-"""Behind the picture, which hides it."""
-
-_GROUND = "#f4f6f8"
-_GRID = (12, 24)
-"""Size of the grid on the floor, m, and its squares along one side."""
 
 
 @final

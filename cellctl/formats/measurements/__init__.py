@@ -1,11 +1,10 @@
 """From robot file, data set and artefact to the task of an identification: rows of every kind, sessions, a model."""
 
 from cellctl.formats.measurements._conditions import Conditions
-from cellctl.formats.measurements._measured import Measurements, measurements
+from cellctl.formats.measurements._measured import Measurements, measurements, refuse_alike
 from cellctl.formats.measurements._model_choice import ModelChoice, ModelTerms, nominal_model
 from cellctl.formats.measurements._sessions import OWN, Spacing
 from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, measure_of
-from cellctl.formats.measurements.repeats import refuse_alike
 
 __all__ = [
     "KINDS",

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cellctl import __version__
 from cellctl.calibration import Measured
 from cellctl.calibration.estimation.evidence import estimated
 from cellctl.files import write_atomically
@@ -23,6 +22,7 @@ from cellctl.report.fit._region import RegionSigma, curves, figures
 from cellctl.report.fit._story import FitStory
 from cellctl.report.fit.residuals import Residuals, listed, residuals_of
 from cellctl.report.fit.sections import identification_sections
+from cellctl.version import __version__
 
 Section = dict[str, Any]
 

@@ -11,8 +11,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellctl.calibration import MeasuredRegion, RobotModel, prediction_sigma
-from cellctl.calibration.prediction.predict import spread_over
+from cellctl.calibration.prediction.predict import POINTS
 from cellctl.kinematics import Floats
+from cellctl.kinematics.low_discrepancy import spread_over
 from cellctl.report.drawing import ACCENT, FAINT, svg_of
 from cellctl.report.fit._story import FitStory
 
@@ -48,7 +49,7 @@ class RegionSigma:
     @cached_property
     def postures(self) -> Floats:
         """Postures (N, n) spread over the region."""
-        return spread_over(self.lower, self.upper)
+        return spread_over(self.lower, self.upper, POINTS, scramble=False)
 
     def in_frame(self, q: Floats) -> Floats:
         """1 σ (N,) at q (N, n) in the measuring frame: base and heading count."""

@@ -16,6 +16,22 @@ from cellctl.report.fit.residuals import Residuals
 
 _FEWEST, _MOST_BINS, _EACH = 4, 24, 8
 
+ABREAST = 7
+"""Number of joints side by side; further joints get another picture."""
+
+_DRAWN_BY_JOINT = 350
+_ENOUGH_BY_JOINT = 30
+_CHANCE = 1e-3
+"""A pattern counts below this p-value: one joint in a thousand by random scatter."""
+
+_DRAWN_BY_ORDER = 500
+_ENOUGH_BY_ORDER = 20
+_CLEAR = 4.0
+"""A slope counts from this many of its standard errors."""
+
+_MANY = 500
+"""Number of values from which the histogram has narrow bins."""
+
 
 def bins_of(x: Floats) -> Any:
     """The bin (N,) of each x (N,), all equally wide; more bins for more rows."""
@@ -57,15 +73,6 @@ def thinned(sizes: Floats, most: int) -> Any:
     others = np.setdiff1d(np.arange(len(sizes)), largest)
     evenly = others[np.linspace(0, len(others) - 1, most - len(largest)).astype(int)]
     return np.sort(np.concatenate([largest, evenly]))
-
-
-ABREAST = 7
-"""Number of joints side by side; further joints get another picture."""
-
-_DRAWN_BY_JOINT = 350
-_ENOUGH_BY_JOINT = 30
-_CHANCE = 1e-3
-"""A pattern counts below this p-value: one joint in a thousand by random scatter."""
 
 
 def joint_pictures(rows: Residuals, joints: Sequence[str]) -> list[str]:
@@ -131,12 +138,6 @@ def _pattern(readings: Floats, values: Floats) -> tuple[float, float, float]:
     share = max((whole - within - between * noise) / whole, 0.0)
     p_value = float(f_sf((whole - within) / between / max(noise, 1e-300), between, free))
     return share, float(np.sqrt(share * whole / len(values))), p_value
-
-
-_DRAWN_BY_ORDER = 500
-_ENOUGH_BY_ORDER = 20
-_CLEAR = 4.0
-"""A slope counts from this many of its standard errors."""
 
 
 def order_picture(rows: Residuals, order: Floats, sessions: Sequence[str]) -> str:
@@ -216,10 +217,6 @@ def _mark_sessions(grid: list[Axes], order: Floats, session: Floats, names: Sequ
             axes.axvline(first, color="#999999", linewidth=0.7, linestyle=":")
         place = grid[0].get_xaxis_transform()
         grid[0].text(first, 1.02, names[int(number)], fontsize=6.5, color="#555555", transform=place)
-
-
-_MANY = 500
-"""Number of values from which the histogram has narrow bins."""
 
 
 def scaled_numbers(rows: Residuals) -> tuple[Floats, Floats]:

@@ -17,18 +17,6 @@ Correction = tuple[float, ...]
 _SLACK = 1e-6
 """Relative slack for rounding in differences of nearly equal numbers."""
 
-
-class Limit(IntEnum):
-    """Which limit was passed."""
-
-    NONE = 0
-    CORRECTION = 1
-    TRAVEL = 2
-    SPEED = 3
-    ACCELERATION = 4
-    JERK = 5
-
-
 TCP_SPEED_MM_S = 250.0
 """ISO 10218-1: maximum TCP speed, mm/s, at reduced speed, which a person beside the robot can avoid."""
 
@@ -55,6 +43,22 @@ _AXISCORR_DEG = 5.0
 SEARCH_NEEDS = {"speed_deg_s": 2.5, "acceleration_deg_s2": 20.0, "jerk_deg_s3": 400.0}
 """What the shipped searches need. Speed: 10 mm/s at the TCP, the most that the procedures offer, on a line of 18 mm and
 at most 4.5 deg. With this acceleration and jerk, that speed is reached within 1 mm of the 10 mm before the surface."""
+
+_LONGEST_CYCLE_S = 0.012
+_DEFAULTS = {"online_correction_deg": 0.5, "online_rate_deg_s": 0.5, "online_acceleration_deg_s2": 5.0}
+ONLINE_CEILINGS = {"online_correction_deg": 2.0, "online_rate_deg_s": 2.0, "online_acceleration_deg_s2": 20.0}
+"""Correction: a larger error is no calibration error. Rate and acceleration: those of a search by default."""
+
+
+class Limit(IntEnum):
+    """Which limit was passed."""
+
+    NONE = 0
+    CORRECTION = 1
+    TRAVEL = 2
+    SPEED = 3
+    ACCELERATION = 4
+    JERK = 5
 
 
 def ceilings(reach_mm: float | None) -> dict[str, float]:
@@ -213,12 +217,6 @@ def _minus(a: Correction, b: Correction) -> Correction:
 
 def _size(vector: Correction) -> float:
     return math.hypot(*vector) * (1 - _SLACK) - 1e-12
-
-
-_LONGEST_CYCLE_S = 0.012
-_DEFAULTS = {"online_correction_deg": 0.5, "online_rate_deg_s": 0.5, "online_acceleration_deg_s2": 5.0}
-ONLINE_CEILINGS = {"online_correction_deg": 2.0, "online_rate_deg_s": 2.0, "online_acceleration_deg_s2": 20.0}
-"""Correction: a larger error is no calibration error. Rate and acceleration: those of a search by default."""
 
 
 @final

@@ -43,18 +43,6 @@ from drivers.seen_through import see_through
 AT_REST = (0.0,) * AXES
 """The correction of such a session."""
 
-
-def mean_currents(device: str, samples: Sequence[Sample]) -> MotorCurrents:
-    """Mean and 1 σ of one sample, in the unit of MACur. Raises DeviceFault if a telegram has no six numbers."""
-    if not all(sample.currents for sample in samples):
-        cure = "compare the RSI Ethernet configuration on the controller with the one here"
-        raise DeviceFault(device, "telegrams came without readable motor currents (MACur)", cure)
-    columns = list(zip(*(sample.currents for sample in samples), strict=True))
-    sigmas = tuple(stdev(column) if len(column) > 1 else 0.0 for column in columns)
-    middle_ns = (samples[0].arrival_ns + samples[-1].arrival_ns) // 2
-    return MotorCurrents(tuple(map(fmean, columns)), sigmas, len(samples), middle_ns)
-
-
 _COUNTED = (
     Slot.TELEGRAMS,
     Slot.LATE,
@@ -73,6 +61,30 @@ _WITHOUT = {
     "affinity": "RSI has no processor of its own (isolcpus)",
 }
 
+_SLOW_AXIS_DEG_S = 30.0
+"""Least speed of any axis at 100 %; a move's time limit follows from it."""
+
+_SLOWEST_PERCENT = 0.01
+"""Below this a move would last for hours; the controller refuses it too."""
+
+_FARTHEST_DEG = 720.0
+"""Largest rotation of an axis in a move whose target only the controller has."""
+
+_MOVE_BESIDES_S = 15.0
+
+_CONDITIONS: Final = {"ready": "the controller is in EXT and reports no message that stops it"}
+
+
+def mean_currents(device: str, samples: Sequence[Sample]) -> MotorCurrents:
+    """Mean and 1 σ of one sample, in the unit of MACur. Raises DeviceFault if a telegram has no six numbers."""
+    if not all(sample.currents for sample in samples):
+        cure = "compare the RSI Ethernet configuration on the controller with the one here"
+        raise DeviceFault(device, "telegrams came without readable motor currents (MACur)", cure)
+    columns = list(zip(*(sample.currents for sample in samples), strict=True))
+    sigmas = tuple(stdev(column) if len(column) > 1 else 0.0 for column in columns)
+    middle_ns = (samples[0].arrival_ns + samples[-1].arrival_ns) // 2
+    return MotorCurrents(tuple(map(fmean, columns)), sigmas, len(samples), middle_ns)
+
 
 def health_of(lines: ControllerLines) -> Health:
     """State of controller and RSI process; counts since the lines were opened. Raises DeviceLost."""
@@ -88,21 +100,6 @@ def health_of(lines: ControllerLines) -> Health:
     if words[Slot.FOREIGN]:
         text += f"; {foreign_datagrams(process)}"
     return Health(stat.program != "ERROR" and stat.mode == "EXT", text, figures, stat.mode)
-
-
-_SLOW_AXIS_DEG_S = 30.0
-"""Least speed of any axis at 100 %; a move's time limit follows from it."""
-
-_SLOWEST_PERCENT = 0.01
-"""Below this a move would last for hours; the controller refuses it too."""
-
-_FARTHEST_DEG = 720.0
-"""Largest rotation of an axis in a move whose target only the controller has."""
-
-_MOVE_BESIDES_S = 15.0
-
-
-_CONDITIONS: Final = {"ready": "the controller is in EXT and reports no message that stops it"}
 
 
 @final

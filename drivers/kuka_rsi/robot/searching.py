@@ -26,6 +26,19 @@ from drivers.kuka_rsi.robot.rsi_process import REMEDY, CyclicProcess, in_words, 
 
 _ALL_OF_IT_S = 86_400.0
 
+_FIRST_TELEGRAM_S = 2.0
+_SILENCE_S = 2.0
+_POLL_S = 0.02
+
+_LOOK_S = 0.05
+"""Wall time between two checks of the cyclic process."""
+
+_BESIDES_THE_LINE_S = 15.0
+_LONGEST_CYCLE_S = 0.012
+
+_FOLLOWED_DEG = 0.1
+"""If an axis rests further than this from the end of the line, the corrections had no full effect."""
+
 
 @final
 class SearchRecord:
@@ -74,20 +87,6 @@ class SearchRecord:
     def _counts(self) -> dict[Slot, int]:
         slots = (Slot.LATE, Slot.LATE_REPORTED, Slot.LOST, Slot.SKIPPED)
         return {slot: self._block.words[slot] for slot in slots}
-
-
-_FIRST_TELEGRAM_S = 2.0
-_SILENCE_S = 2.0
-_POLL_S = 0.02
-
-_LOOK_S = 0.05
-"""Wall time between two checks of the cyclic process."""
-
-_BESIDES_THE_LINE_S = 15.0
-_LONGEST_CYCLE_S = 0.012
-
-_FOLLOWED_DEG = 0.1
-"""If an axis rests further than this from the end of the line, the corrections had no full effect."""
 
 
 def foreign_datagrams(process: CyclicProcess) -> str:

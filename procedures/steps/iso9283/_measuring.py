@@ -9,6 +9,8 @@ from pydantic import Field
 
 from cellctl.devices import TableRobot, TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
+from procedures.steps.iso9283._evaluation import evaluated, station_row, verdict_of
+from procedures.steps.iso9283.planning import CubePose, CubeRound, compensated, cube_rounds, cube_row, planned
 from procedures.steps.iso9283.rows import IsoPoseRow, IsoVerdict, When
 from procedures.steps.judged import Judged, PushInputs
 from procedures.steps.table_push import push_of_run, require_in_force, withdrawn_unless_better
@@ -17,7 +19,6 @@ from procedures.steps.tracker.measuring import (
     NEEDS,
     USES,
     Measured,
-    NestsDisagree,
     NotSettled,
     PointInputs,
     approach,
@@ -25,23 +26,8 @@ from procedures.steps.tracker.measuring import (
     measured_plate,
 )
 from procedures.steps.tracker.model_files import check_model, read_model_of
-from procedures.steps.tracker.posing import PosePlan
+from procedures.steps.tracker.reflectors import NestsDisagree
 from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow
-
-
-class CubePose(PosePlan):
-    """A visit to P1 … P5 (`place`, from 0) in a cycle, from 0. side: as of `IsoPoseRow`."""
-
-    cycle: int
-    place: int
-    side: int
-
-
-class CubeRound(StepResult):
-    """Poses, followed by the return pose and a visit to the monuments."""
-
-    poses: list[CubePose]
-    back: PosePlan
 
 
 class ReadInputs(StepInputs):
@@ -96,8 +82,6 @@ class Planned(StepResult):
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.iso9283.planning import planned  # it imports the inputs of this module's steps
-
     if {"edge", "centre", "reflectors"} <= known.keys():
         planned(context, known["edge"], known["centre"], known["reflectors"])
 
@@ -109,12 +93,6 @@ def _passes(known: Mapping[str, Any]) -> int:
 @step("iso9283.plan", check=_check_plan, title="planning the cube", expects=_passes)
 async def plan(context: StepContext, inputs: PlanInputs) -> Planned:
     """Find the ISO cube in the workspace, the reflectors visible at its five points, and plan the cycles."""
-    from procedures.steps.iso9283.planning import (  # it imports the inputs of this module's steps
-        cube_rounds,
-        cube_row,
-        planned,
-    )
-
     cube = await context.clock.compute(planned, context, inputs.edge, inputs.centre, inputs.reflectors)
     await context.record(cube_row(cube))
     context.say(f"cube of {cube.edge:g} mm about {', '.join(f'{x:.0f}' for x in cube.centre)} mm")
@@ -131,8 +109,6 @@ class Compensation(StepResult):
 @step("iso9283.compensate", title="compensating the five points", expects=_passes)
 async def compensate(context: StepContext, inputs: CycleInputs) -> Compensation:
     """Compensate the five points by the model that was read, and write their table into the run folder."""
-    from procedures.steps.iso9283.planning import compensated  # it imports the inputs of this module's steps
-
     models = context.recorded(ReadModelRow)
     if not models:
         return Compensation(rounds=[], table=None)
@@ -146,8 +122,6 @@ async def compensate(context: StepContext, inputs: CycleInputs) -> Compensation:
 @step("iso9283.register", title="registering the base frame")
 async def register(context: StepContext, inputs: NoInputs) -> None:
     """Find the instrument's place from the registration poses, which are not judged."""
-    from procedures.steps.iso9283._evaluation import station_row  # it imports the inputs of this module's steps
-
     await context.record(await context.clock.compute(station_row, context))
 
 
@@ -198,8 +172,6 @@ async def measure(context: StepContext, inputs: VisitInputs) -> Measured:
 @step("iso9283.evaluate", title="computing the figures")
 async def evaluate(context: StepContext, inputs: NoInputs) -> None:
     """Register the base on the registration poses, and compute AP, RP, vAP, AD and RD before and after."""
-    from procedures.steps.iso9283._evaluation import evaluated  # it imports the inputs of this module's steps
-
     registration, rows = await context.clock.compute(evaluated, context)
     for row in (registration, *rows):
         await context.record(row)
@@ -215,8 +187,6 @@ class JudgeInputs(StepInputs):
 @step("iso9283.judge", needs={"robot": TableStore}, verdict=IsoVerdict, title="judging the table")
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """State the figures; withdraw a table by which the five points are not better."""
-    from procedures.steps.iso9283._evaluation import verdict_of  # it imports the inputs of this module's steps
-
     found = await context.clock.compute(verdict_of, context, inputs.transfer_percent, inputs.reflectors)
     found = await withdrawn_unless_better(context, found)
     await context.record(found)

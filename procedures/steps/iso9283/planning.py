@@ -22,12 +22,11 @@ from cellctl.metrology.iso9283 import cube_points
 from cellctl.operations.table import refuse_table
 from cellctl.planning.measuring_poses import MeasuringArm
 from cellctl.planning.ways import Reach
-from cellctl.procedure import CellContext, StepContext
-from procedures.steps.iso9283._measuring import CubePose, CubeRound
+from cellctl.procedure import CellContext, StepContext, StepResult
 from procedures.steps.iso9283.rows import CubeRow
 from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded, turn_posture
+from procedures.steps.tracker.plans import DEFAULT_METHOD, PosePlan
 from procedures.steps.tracker.pose_planning import pose_limits
-from procedures.steps.tracker.posing import DEFAULT_METHOD
 from procedures.steps.tracker.rows import MODEL_FILE
 from procedures.steps.tracker.target_table import Compensable, Manner
 
@@ -46,6 +45,21 @@ _AZIMUTHS, _ROLLS = np.radians(np.arange(-90.0, 91.0, 15.0)), np.radians(np.aran
 
 _DEG_PER_MM = 0.5
 """A posture at which 1 mm, or 1 mrad, needs more of a joint is too near to a singularity."""
+
+
+class CubePose(PosePlan):
+    """A visit to P1 … P5 (`place`, from 0) in a cycle, from 0. side: as of `IsoPoseRow`."""
+
+    cycle: int
+    place: int
+    side: int
+
+
+class CubeRound(StepResult):
+    """Poses, followed by the return pose and a visit to the monuments."""
+
+    poses: list[CubePose]
+    back: PosePlan
 
 
 @final

@@ -13,85 +13,10 @@ from procedures.steps.contact_search import FoundContact, Speeds, search_and_ret
 from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged
 from procedures.steps.sphere._identification import identify_touches
+from procedures.steps.sphere.planning import assumption, check_plan, planned_touches
+from procedures.steps.sphere.plans import Joints, TouchPlan
 from procedures.steps.sphere.reference_touches import jump, reference_row
-from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow, TouchSet
-
-_IMPLAUSIBLE_SHARE = 0.1
-"""A touch's line is 10 mm to the expected surface and 8 mm beyond: a contact over 8.2 mm too early is not with the
-sphere. Robots of this class, with the sphere within some millimetres of its rough place, are up to 6.5 mm too early."""
-
-_UNFORESEEN_MM, _AT_ALL_MM = 4.0, 0.5
-"""Largest distance, mm, of a stand-off's contact before the predicted place; and the least travel."""
-
-Joints = Annotated[list[float], Field(min_length=1, max_length=20)]
-"""Joint readings, degrees."""
-
-
-class TouchPlan(StepResult):
-    """One planned touch: joints in degrees, see `cellctl.planning.PlannedTouch`.
-
-    `set`: to identify from, held out, to locate the proof sphere, or a return to touch number `repeats`.
-    """
-
-    number: int
-    sphere: str
-    set: TouchSet
-    origin: Joints
-    approach: list[Joints]
-    start: Joints
-    end: Joints
-    search_mm: float
-    retreat: list[Joints]
-    repeats: int | None = None
-
-    @property
-    def earliest_mm(self) -> float:
-        """A contact earlier than this on the line is not with the sphere: it would be far from its expected place."""
-        return _IMPLAUSIBLE_SHARE * self.search_mm
-
-
-class StandOffPlan(StepResult):
-    """One planned stand-off: go to a target off the sphere, then search along its normal until contact.
-
-    `number`: the target, from 0; `run`: with nominal joints before, with the pushed table's `row` after. `nominal`: the
-    target's joints without compensation, `commanded`: the commanded joints, degrees. `normal`: unit vector from the
-    sphere's centre. `distance_mm`: of the target from the surface. `expected_mm`: the error predicted by the identified
-    model, `sigma_mm`: its 1 σ.
-    """
-
-    number: int
-    run: Literal["before", "after"]
-    row: int | None
-    sphere: str
-    origin: Joints
-    approach: list[Joints]
-    nominal: Joints
-    commanded: Joints
-    end: Joints
-    search_mm: float
-    retreat: list[Joints]
-    normal: list[float]
-    distance_mm: float
-    expected_mm: float
-    sigma_mm: float
-
-    @property
-    def start(self) -> Joints:
-        """The search's start, which is the commanded position."""
-        return self.commanded
-
-    @property
-    def earliest_mm(self) -> float:
-        """An earlier contact on the line is not with the sphere: neither nominal robot nor model explains it."""
-        return max(_AT_ALL_MM, self.distance_mm + self.expected_mm - _UNFORESEEN_MM)
-
-
-class Round(StepResult):
-    """Stand-offs, each target's before and after together, followed by the return to the reference touch."""
-
-    standoffs: list[StandOffPlan]
-    references: list[TouchPlan]
-
+from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
 
 TOUCHES_PER_SPHERE = 6
 """Touches of the fit that the verdict requires for each sphere: two numbers for each coordinate of its centre."""
@@ -142,8 +67,6 @@ def _planned(known: Mapping[str, Any]) -> int:
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.sphere.planning import check_plan  # it imports the inputs of this module's steps
-
     if "spheres" in known:
         check_plan(context, known, _names(known["spheres"]))
 
@@ -151,11 +74,6 @@ def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
 @step("sphere.plan", check=_check_plan, title="planning touches", expects=_planned)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
-    from procedures.steps.sphere.planning import (  # it imports the inputs of this module's steps
-        assumption,
-        planned_touches,
-    )
-
     touches = await context.clock.compute(
         planned_touches, context, inputs.fit, inputs.held_out, inputs.names, inputs.reference_every
     )

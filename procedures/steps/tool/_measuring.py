@@ -10,14 +10,16 @@ from pydantic import Field
 from cellctl.devices import ContactProbe, JointReader, SearchingRobot
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
-from procedures.steps.sphere.touching import TouchPlan
+from procedures.steps.tool._solving import (
+    Solved,
+    ToolTouchPlan,
+    check_plan,
+    planned_touches,
+    record_solution,
+    tool_of_poses,
+    tool_of_touches,
+)
 from procedures.steps.tool.rows import ToolPoseRow, ToolTouchRow, ToolVerdict
-
-
-class ToolTouchPlan(TouchPlan):
-    """A planned touch and the number of its tool orientation, from 0."""
-
-    orientation: int
 
 
 class ToolPlan(StepResult):
@@ -36,8 +38,6 @@ class PlanInputs(StepInputs):
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.tool._solving import check_plan  # it imports the inputs of this module's steps
-
     check_plan(context, known)
 
 
@@ -48,8 +48,6 @@ def _planned(known: Mapping[str, Any]) -> int:
 @step("tool.plan", check=_check_plan, title="planning touches", expects=_planned)
 async def plan(context: StepContext, inputs: PlanInputs) -> ToolPlan:
     """Plan touches on one sphere with several tool orientations, by ways clear of all spheres."""
-    from procedures.steps.tool._solving import planned_touches  # it imports the inputs of this module's steps
-
     touches = await context.clock.compute(
         planned_touches, context, inputs.sphere, inputs.orientations, inputs.held_out, inputs.touches
     )
@@ -93,22 +91,9 @@ async def touch(context: StepContext, inputs: TouchInputs) -> None:
     await search_and_retreat(robot, context.device("probe"), planned, to_start, speeds, record)
 
 
-class Solved(StepResult):
-    """The verdict on held-out contacts, and the found offset of the tool in the flange frame, mm."""
-
-    verdict: str
-    sentence: str
-    tool: list[float]
-
-
 @step("tool.solve_touches", verdict=ToolVerdict, title="solving for the tool")
 async def solve_touches(context: StepContext, inputs: NoInputs) -> Solved:
     """Find tool and sphere centre from the touches, judge the tool on held-out orientations, write `tool.yaml`."""
-    from procedures.steps.tool._solving import (
-        record_solution,
-        tool_of_touches,
-    )  # it imports the inputs of this module's steps
-
     return await record_solution(context, await context.clock.compute(tool_of_touches, context))
 
 
@@ -136,9 +121,4 @@ async def read_pose(context: StepContext, inputs: PoseInputs) -> ReadPose:
 @step("tool.solve_poses", verdict=ToolVerdict, title="solving for the tool")
 async def solve_poses(context: StepContext, inputs: NoInputs) -> Solved:
     """Find tool and point from the poses, judge the tool on each pose by the others, write `tool.yaml`."""
-    from procedures.steps.tool._solving import (
-        record_solution,
-        tool_of_poses,
-    )  # it imports the inputs of this module's steps
-
     return await record_solution(context, await context.clock.compute(tool_of_poses, context))

@@ -18,12 +18,26 @@ from cellctl.metrology.four_point import FoundTool, tips, tool_at_point, tool_by
 from cellctl.planning import OutOfReach, RobotPostures
 from cellctl.planning.shared_orientations import plan_oriented_touches
 from cellctl.planning.ways import Reach
-from cellctl.procedure import CellContext, StepContext
+from cellctl.procedure import CellContext, StepContext, StepResult
 from cellctl.records import Figures
 from procedures.steps.sphere.planning import as_plan, plate_of, seed_for, sphere_called, target_of
+from procedures.steps.sphere.plans import TouchPlan
 from procedures.steps.sphere.reference_touches import touch_sigma_mm
-from procedures.steps.tool._measuring import Solved, ToolTouchPlan
 from procedures.steps.tool.rows import ToolErrorsRow, ToolFigures, ToolPoseRow, ToolTouchRow, ToolVerdict
+
+
+class ToolTouchPlan(TouchPlan):
+    """A planned touch and the number of its tool orientation, from 0."""
+
+    orientation: int
+
+
+class Solved(StepResult):
+    """The verdict on held-out contacts, and the found offset of the tool in the flange frame, mm."""
+
+    verdict: str
+    sentence: str
+    tool: list[float]
 
 
 def planned_touches(

@@ -15,7 +15,8 @@ from cellctl.formats.cell_sections import Nest, reflectors_of, station_of
 from cellctl.formats.load import Load, load_of
 from cellctl.metrology.instrument_checks import TwoFaceLimits, two_face_check
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
-from procedures.steps.tracker.measuring import NestsDisagree, NotSettled, PointInputs, settled_point
+from procedures.steps.tracker.measuring import NotSettled, PointInputs, settled_point
+from procedures.steps.tracker.reflectors import NestsDisagree
 from procedures.steps.tracker.rows import NestRow, SetUpRow, TwoFaceRow, When
 from procedures.steps.tracker.station import (
     MOVED,

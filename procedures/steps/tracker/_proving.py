@@ -25,7 +25,7 @@ from procedures.steps.tracker._judging import verdict_of
 from procedures.steps.tracker.identification import identify_poses, registered_model
 from procedures.steps.tracker.measuring import NEAR_SHARE, Measured, MeasureInputs, NotSettled, measure_pose
 from procedures.steps.tracker.model_files import check_model, correction_file, read_model_of
-from procedures.steps.tracker.posing import DEFAULT_METHOD, Round, check_method
+from procedures.steps.tracker.plans import DEFAULT_METHOD, Round, check_method
 from procedures.steps.tracker.rows import (
     CORRECTION_FILE,
     MODEL_FILE,

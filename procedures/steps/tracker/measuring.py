@@ -29,8 +29,27 @@ from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, 
 from cellctl.records import Row
 from procedures.steps.contact_search import rejoin
 from procedures.steps.table_push import require_in_force
-from procedures.steps.tracker.posing import PosePlan
+from procedures.steps.tracker.plans import PosePlan
+from procedures.steps.tracker.reflectors import NestsDisagree, check_plate
 from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TargetsRow, TurnRow
+from procedures.steps.tracker.station import reflector_at, robot_of, seen_from_instrument
+
+_LOOKS = 3
+"""How often a reflector that is not at rest is measured in one attempt."""
+
+_TILTED = "its compensator is out of its range: the last point is not corrected for the tilt, and is not recorded"
+_LEVEL = (
+    "level the instrument and stand it firmly; then resume: the nests show how far it moved. "
+    "If the poses have not begun, begin anew"
+)
+
+NEEDS = {"robot": MovingRobot, "tracker": PointSource}
+USES = {"plc": CellReadings, "drives": CurrentSource}
+
+NEAR_SHARE = 0.4
+"""Share of the transfer speed from the approach to the pose."""
+
+_CURRENT_SAMPLES = 10
 
 
 @final
@@ -59,24 +78,9 @@ def current_source(context: StepContext, axes: int) -> ScaledCurrents | None:
     return ScaledCurrents(device, settings) if device else None
 
 
-_LOOKS = 3
-"""How often a reflector that is not at rest is measured in one attempt."""
-
-_TILTED = "its compensator is out of its range: the last point is not corrected for the tilt, and is not recorded"
-_LEVEL = (
-    "level the instrument and stand it firmly; then resume: the nests show how far it moved. "
-    "If the poses have not begun, begin anew"
-)
-
-
 @final
 class NotSettled(DeviceError):
     """The samples of a point scatter more than the limit: the reflector or the air is not at rest."""
-
-
-@final
-class NestsDisagree(DeviceError):
-    """The nests moved against each other: one is loose, badly seated, or the station moved in the visit."""
 
 
 @final
@@ -112,13 +116,6 @@ async def settled_point(
     raise NotSettled(tracker.name, what, cure)
 
 
-NEEDS = {"robot": MovingRobot, "tracker": PointSource}
-USES = {"plc": CellReadings, "drives": CurrentSource}
-
-NEAR_SHARE = 0.4
-"""Share of the transfer speed from the approach to the pose."""
-
-
 class PointInputs(StepInputs):
     """How a point is measured: samples, seconds at rest before it, limit of the samples' scatter (1 σ), mm."""
 
@@ -148,8 +145,6 @@ class Measured(StepResult):
 
 def _check_currents(context: CellContext, known: Mapping[str, Any]) -> None:
     """Raise InputError for an error in the cell file's `currents:`."""
-    from procedures.steps.tracker.station import robot_of  # it imports the inputs of this module's steps
-
     if "currents" not in context.cell.data:
         return
     source = currents_of(context.cell, robot_of(context.robot_file)[0].n).source
@@ -212,11 +207,6 @@ async def measured_fields(
     context: StepContext, pose: PosePlan, joints: JointReadings, settling: Settling
 ) -> dict[str, Any]:
     """Measure the reflector of `pose` with the robot at `joints`: the fields of a `VisitedRow`."""
-    from procedures.steps.tracker.station import (  # it imports the inputs of this module's steps
-        reflector_at,
-        seen_from_instrument,
-    )
-
     currents = await _currents(context, len(joints))
     place = seen_from_instrument(context, reflector_at(context, pose.reflector, _array(joints))[0])
     point = await settled_point(context.device("tracker"), context.clock, place, _search_mm(context), settling)
@@ -239,12 +229,6 @@ async def measured_plate(
     context: StepContext, fields: Mapping[str, Any], count: int, settling: Settling
 ) -> tuple[MeasuredPoint, ...]:
     """Measure the plate's reflectors 2 to `count` after the first. Raises NestsDisagree if they do not fit it."""
-    from procedures.steps.tracker.reflectors import check_plate  # it imports the inputs of this module's steps
-    from procedures.steps.tracker.station import (  # it imports the inputs of this module's steps
-        reflector_at,
-        seen_from_instrument,
-    )
-
     joints = _array(fields["joints"])
     points = []
     for reflector in reflectors_of(context.cell).on_flange[1:count]:
@@ -270,9 +254,6 @@ async def _currents(context: StepContext, axes: int) -> MotorCurrents | None:
     """The motor currents on arrival, before the brakes close, from the source that the cell file names."""
     source = current_source(context, axes)
     return await source.currents(_CURRENT_SAMPLES) if source else None
-
-
-_CURRENT_SAMPLES = 10
 
 
 def _row(pose: PosePlan, fields: dict[str, Any]) -> Row:

@@ -3,57 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from cellctl.compensation import METHODS
-from cellctl.files import InputError, Problem
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
-from cellctl.procedure.fields import did_you_mean
 from procedures.steps.tracker.model_files import read_model
-
-DEFAULT_METHOD = "pseudo-target"
-
-
-def check_method(context: CellContext, known: Mapping[str, Any]) -> None:
-    """Raise InputError if `method` of the known inputs is none of `cellctl.compensation`."""
-    method = known.get("method", DEFAULT_METHOD)
-    if method not in METHODS:
-        what = f"there is no compensation method '{method}'"
-        raise InputError(Problem("--set method", 0, 0, what, did_you_mean(str(method), METHODS)))
-
-
-Joints = Annotated[list[float], Field(min_length=1, max_length=20)]
-"""Joint readings, degrees."""
-
-
-class PosePlan(StepResult):
-    """One planned measurement of a reflector; joints in degrees.
-
-    number: in its plan. kind: to identify from, held out, reached by row `row` of the table, the return pose, a point
-    of the circle about `axis` alone, or of the ISO cube. origin: where the last motion ended. way: from there, the
-    approach last. direction: of each joint from the approach to `joints`, 1, -1 or 0. target: of a held-out pose, mm,
-    in the instrument's frame of the first session.
-    """
-
-    number: int
-    kind: Literal["fit", "test", "compensated", "return", "turn", "cube"]
-    reflector: str
-    origin: Joints
-    way: list[Joints]
-    joints: Joints
-    direction: list[int]
-    axis: int | None = None
-    row: int | None = None
-    target: list[float] | None = None
-
-
-class Round(StepResult):
-    """Poses, followed by a visit to the monuments and the return pose."""
-
-    poses: list[PosePlan]
-    back: PosePlan
+from procedures.steps.tracker.plans import DEFAULT_METHOD, Round, check_method
+from procedures.steps.tracker.pose_planning import planned_rounds, planned_targets
+from procedures.steps.tracker.station import base_from_instrument
 
 
 class PlanInputs(StepInputs):
@@ -78,8 +36,6 @@ class Plan(StepResult):
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    from procedures.steps.tracker.pose_planning import planned_rounds  # it imports the inputs of this module's steps
-
     if {"fit", "held_out", "monuments_every", "from_both", "reflectors", "pose_file"} <= known.keys():
         planned_rounds(context, PlanInputs.model_validate(dict(known)), None)
 
@@ -93,9 +49,6 @@ def _passes(known: Mapping[str, Any]) -> int:
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan quasi-random poses, or take them from a file: visible, clear of floor and arm, in random order, each
     approached from a stated side."""
-    from procedures.steps.tracker.pose_planning import planned_rounds  # it imports the inputs of this module's steps
-    from procedures.steps.tracker.station import base_from_instrument  # it imports the inputs of this module's steps
-
     station = base_from_instrument(context)
     rounds = await context.clock.compute(planned_rounds, context, inputs, station)
     visits = sum(len(each.poses) for each in rounds)
@@ -127,8 +80,6 @@ class PlanTargetsInputs(StepInputs):
 
 def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:
     """Whether a model is read is not known yet: as many poses as are needed in any case."""
-    from procedures.steps.tracker.pose_planning import planned_targets  # it imports the inputs of this module's steps
-
     check_method(context, known)
     if {"fit", "registration", "targets", "target_file"} <= known.keys():
         wanted = PlanTargetsInputs.model_validate(dict(known))
@@ -146,8 +97,6 @@ def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:
 async def plan_targets(context: StepContext, inputs: PlanTargetsInputs) -> Plan:
     """Plan the targets, or take them from a file, with the poses that identify or register the model; name those that
     cannot be measured or compensated."""
-    from procedures.steps.tracker.pose_planning import planned_targets  # it imports the inputs of this module's steps
-
     found = await context.clock.compute(planned_targets, context, inputs, read_model(context))
     await context.record(found.row)
     context.say(f"planned {found.row.targets} targets; {len(found.row.left_out)} left out")

@@ -8,19 +8,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cellctl.devices import MeasuredPoint
+from cellctl.devices import DeviceError, MeasuredPoint
 from cellctl.formats.cell_sections import reflectors_of
 from cellctl.kinematics import Floats
 from cellctl.metrology.nests import NestPlate, NestsDoNotFit, check_nests, plate_pose
 from cellctl.metrology.points import Points
 from cellctl.procedure import StepContext
 from cellctl.records import Rows
-from procedures.steps.tracker.measuring import NestsDisagree
 from procedures.steps.tracker.rows import PoseRow
+
+_ROUGH_MM = 2.0
+"""1 σ of a reflector's place in the cell file, on each axis."""
+
+_FIRST_POSES = 5
+"""Poses whose plate checks the others."""
+
+
+@final
+class NestsDisagree(DeviceError):
+    """The nests moved against each other: one is loose, badly seated, or the station moved in the visit."""
 
 
 def points_of(measured: Sequence[MeasuredPoint]) -> Points:
@@ -30,13 +41,6 @@ def points_of(measured: Sequence[MeasuredPoint]) -> Points:
         np.array([each.covariance for each in measured]),
         np.array([each.common for each in measured]),
     )
-
-
-_ROUGH_MM = 2.0
-"""1 σ of a reflector's place in the cell file, on each axis."""
-
-_FIRST_POSES = 5
-"""Poses whose plate checks the others."""
 
 
 def plate_of(rows: Rows, most: int | None = None) -> NestPlate | None:

@@ -20,8 +20,7 @@ from cellctl.metrology.monuments import NestLoose, StationState, station_motion
 from cellctl.metrology.points import Points
 from cellctl.procedure import CellContext, StepContext
 from cellctl.records import Rows
-from procedures.steps.tracker.measuring import NestsDisagree
-from procedures.steps.tracker.reflectors import points_of
+from procedures.steps.tracker.reflectors import NestsDisagree, points_of
 from procedures.steps.tracker.rows import ConstantRow, MonumentsRow, NestRow, PoseRow, StationRow, VisitedRow, When
 
 FIRST_SESSION = "1"

@@ -24,7 +24,7 @@ from cellctl.procedure import CellFiles
 from cellctl.records import TableStateRow
 from cellctl.report import write_report
 from procedures.steps.tracker.model_files import check_model, read_model_of
-from procedures.steps.tracker.posing import check_method
+from procedures.steps.tracker.plans import check_method
 from procedures.steps.tracker.rows import CompensatedRow, PoseRow, SetUpRow, TargetPlanRow, TargetsRow, TrackerVerdict
 
 PROCEDURE = PROCEDURES / "compensate_and_verify.yaml"
