@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from html_pages import Page
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import RobotFile
+from tests.helpers.html_pages import Page
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "procedures/robots/kr5_r1400.yaml"

@@ -6,9 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from real_rows import DATA, save_real_rows
-from side_by_side import median, race, side
-from textbook_rows import save_rows
+
+from tests.benchmarks.side_by_side import median, race, side
+from tests.helpers.real_data import DATA, save_real_rows
+from tests.helpers.textbook_rows import save_rows
 
 HERE = Path(__file__).parent
 OURS = [sys.executable, str(HERE / "cellctl_fits.py")]

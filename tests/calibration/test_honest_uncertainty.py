@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fitted import fitted, observed, task_of
-from fixed_orientations import TILTED, UPRIGHT, fixed
-from honesty import Summary, elsewhere, honesty
-from simulated_setups import OUTSIDE, SETUPS
 
 from cellctl.calibration import RowBlocks, identify
+from tests.helpers.fitted import fitted, observed, task_of
+from tests.helpers.fixed_orientations import TILTED, UPRIGHT, fixed
+from tests.helpers.honesty import Summary, elsewhere, honesty
+from tests.helpers.simulated_setups import OUTSIDE, SETUPS
 
 SEEDS = 20
 FEWEST_INSIDE = 16 / SEEDS

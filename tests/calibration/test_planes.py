@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kr5_model import ROBOT
-from own_campaigns import Campaign, certificate, nominal_of, shape_error
 
 from cellctl.calibration import (
     PlaneRows,
@@ -23,6 +21,8 @@ from cellctl.calibration.rows.fixed_points import planes_of, pole_of
 from cellctl.formats import RobotFile
 from cellctl.planning.next_rows import rows_like
 from cellctl.setup_check import check_setup
+from tests.helpers.kr5_model import ROBOT
+from tests.helpers.own_campaigns import Campaign, certificate, nominal_of, shape_error
 
 SLOPE = np.array([-0.6, 0.0, 0.8])
 PLANES = np.array(

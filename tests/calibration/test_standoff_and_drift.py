@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_postures import KR5
 from scipy.stats import linregress
 
 from cellctl.calibration import RobotModel, linear_drift, locate_sphere
 from cellctl.formats import RobotFile
 from cellctl.planning import SphereTarget, plan_touches
 from cellctl.planning.ways import Reach
+from tests.helpers.robot_postures import KR5
 
 ROBOT = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")
 CENTRE, REACH, SIGMA = (850.0, 0.0, 550.0), 31.3, 0.02

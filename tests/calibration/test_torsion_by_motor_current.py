@@ -5,12 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motor_rows import ROBOT, motor_rows, world
 
 from cellctl.calibration import Split, fit
 from cellctl.files import InputError
 from cellctl.formats import DataSet, RobotFile
 from cellctl.formats.measurements import measurements
+from tests.helpers.motor_rows import ROBOT, motor_rows, world
 
 KR5 = RobotFile.load(ROBOT)
 FLOOR_MM = 0.02 * np.sqrt(3.0)

@@ -16,7 +16,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import (
+
+from cellctl.devices import DeviceError, DeviceUnreachable
+from cellctl.engine import Mailbox, NobodyWatching, State
+from cellctl.journal import fold, read_journal
+from cellctl.operations.campaign import load_campaign
+from cellctl.operations.cell_devices import SimulatedCell
+from cellctl.operations.launch import Options, run_on
+from tests.helpers.child_process import child
+from tests.helpers.runs import (
     PATIENCE_S,
     ROOT,
     UNHURRIED,
@@ -28,14 +36,6 @@ from cell_runs import (
     touches_procedure,
     unhurried,
 )
-from child_process import child
-
-from cellctl.devices import DeviceError, DeviceUnreachable
-from cellctl.engine import Mailbox, NobodyWatching, State
-from cellctl.journal import fold, read_journal
-from cellctl.operations.campaign import load_campaign
-from cellctl.operations.cell_devices import SimulatedCell
-from cellctl.operations.launch import Options, run_on
 
 pytestmark = pytest.mark.campaign
 

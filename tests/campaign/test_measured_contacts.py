@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import CELL, UNHURRIED, Ended, busy_machine, cell_with, run_here, touches_procedure, unhurried
-from volumetric import truth
 
 from cellctl.engine import State
+from tests.helpers.runs import CELL, UNHURRIED, Ended, busy_machine, cell_with, run_here, touches_procedure, unhurried
+from tests.helpers.simulated_data import truth
 
 pytestmark = pytest.mark.campaign
 

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import CELL, ROOT, SELFCAL, Ended, cell_with, faults, run_here, touches_procedure
-from shared_campaign import SEED, Whole, shared_campaign
-from volumetric import truth
 
 from cellctl.devices import DeviceFault
 from cellctl.engine import State
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, RobotFile, TableFile
 from cellctl.operations.campaign import load_campaign
+from tests.helpers.runs import CELL, ROOT, SELFCAL, Ended, cell_with, faults, run_here, touches_procedure
+from tests.helpers.shared_campaign import SEED, Whole, shared_campaign
+from tests.helpers.simulated_data import truth
 
 pytestmark = pytest.mark.campaign
 

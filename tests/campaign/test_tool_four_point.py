@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import ROOT, cell_with, cellctl
-from volumetric import truth
 
 from cellctl.formats import RobotFile
 from cellctl.journal import fold, read_journal
 from cellctl.metrology.four_point import tips
 from cellctl.operations.replay import Agreement, replay_run
 from procedures.steps.tool.rows import ToolTouchRow, ToolVerdict
+from tests.helpers.runs import ROOT, cell_with, cellctl
+from tests.helpers.simulated_data import truth
 
 pytestmark = pytest.mark.campaign
 

@@ -7,7 +7,8 @@ import socket
 from pathlib import Path
 
 import pytest
-from cell_runs import cell_with, cellctl, faults
+
+from tests.helpers.runs import cell_with, cellctl, faults
 
 PLC = {"devices:\n": "devices:\n  plc: modbus+tcp://192.168.10.5:502?unit=1\n"}
 

@@ -1,8 +1,9 @@
 """`--model geometry+motor` on the command line: the fit, a prediction with and without currents, and a table."""
 
 import pytest
-from cell_runs import cellctl
-from motor_rows import ROBOT, motor_rows, world
+
+from tests.helpers.motor_rows import ROBOT, motor_rows, world
+from tests.helpers.runs import cellctl
 
 JOINTS = "A1,A2,A3,A4,A5,A6"
 POSTURE = "10,-80,85,20,40,30"

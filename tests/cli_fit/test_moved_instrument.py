@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from elbow_arm import LOWER, UPPER, ElbowArm, csv_text, drawn, joints_and_places
-from elbow_model import cellctl, identified
+
+from tests.helpers.arms import LOWER, UPPER, ElbowArm, csv_text, drawn, joints_and_places
+from tests.helpers.elbow_model import cellctl, identified
 
 NOISE_MM = 0.02 / math.sqrt(3)
 THEN = ElbowArm()

@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 from cellctl.calibration import Split
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 NOISE_MM = 0.02 / math.sqrt(3)
 ARM = ElbowArm()

@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
+
+from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 ARM = ElbowArm(at=(0.0, 0.0, 0.0))
 SPHERES = {"S1": [600.0, -200.0, 300.0], "S2": [600.0, 200.0, 350.0], "S3": [500.0, 0.0, 600.0]}

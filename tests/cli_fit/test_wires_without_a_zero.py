@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from elbow_arm import ROBOT, ElbowArm, csv_text, drawn
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
+from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn
 
 NOISE_MM = 0.01
 ARM = replace(ElbowArm(), at=(0.0, 0.0, 0.0))

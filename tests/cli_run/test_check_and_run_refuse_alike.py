@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from cell_runs import CELL, ROOT, SELFCAL, cell_with
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from tests.helpers.runs import CELL, ROOT, SELFCAL, cell_with
 
 ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import CALLS, engine_for, events_of
 
 from cellctl.cli.run_progress import ConfirmingAtTerminal
 from cellctl.engine import NobodyWatching, State
 from cellctl.journal import OperatorAction
+from tests.helpers.engine import CALLS, engine_for, events_of
 
 STEPS = "  - {id: clear, confirm: Clear the cell}\n  - {id: hold, do: test.hold}"
 

@@ -6,7 +6,8 @@ import sysconfig
 from pathlib import Path
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT
+
+from tests.helpers.runs import PATIENCE_S, ROOT
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from running_campaign import PATIENCE_S, Running
 
 from cellctl.cli.ends import Exit, exit_code_of
 from cellctl.cli.verbs import app
 from cellctl.journal import OperatorAction
+from tests.helpers.running_campaign import PATIENCE_S, Running
 
 
 @pytest.fixture

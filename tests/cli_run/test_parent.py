@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from child_process import child
+
+from tests.helpers.child_process import child
 
 PATIENCE_S = 120.0
 

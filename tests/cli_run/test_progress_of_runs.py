@@ -1,10 +1,9 @@
 """One time left for a whole run: from what its steps expect, and from the pace of what was done."""
 
-from cell_runs import SELFCAL
-
 from cellctl.engine import Passes
 from cellctl.operations.campaign import load_campaign
 from cellctl.procedure import phase_titles
+from tests.helpers.runs import SELFCAL
 
 
 def test_the_time_left_is_that_of_the_whole_run_and_not_of_the_loop():

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from cell_runs import SELFCAL
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from tests.helpers.runs import SELFCAL
 
 
 def cellctl(*words: object) -> int:

@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT, SELFCAL
 
 from cellctl.journal import Journal, RunEnded, RunStarted, SourceFile
+from tests.helpers.runs import PATIENCE_S, ROOT, SELFCAL
 
 INPUTS = ROOT / "tests" / "golden" / "inputs"
 ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"

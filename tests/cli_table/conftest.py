@@ -5,13 +5,13 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.devices import ControllerTable, DeviceRefused, Identity, TableInfo, TableState
 from cellctl.operations import table as table_module
 from cellctl.operations.cell_devices import Connected
+from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
 

@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
-from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.compensation import METHODS
 from cellctl.formats import ModelFile, TableFile
 from cellctl.journal import DevicesConnected, Journal
+from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 
 def compensated(cellctl, folder, *options, targets="targets.csv"):

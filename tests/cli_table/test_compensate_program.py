@@ -5,8 +5,11 @@ import re
 
 import numpy as np
 import pytest
-from kr5_model import kr5_model
-from krl_seam import (
+
+from cellctl.formats import ModelFile
+from cellctl.kinematics import abc_from_rotation, inverse, inverse_pose, pose_from_xyz_abc
+from tests.helpers.kr5_model import kr5_model
+from tests.helpers.krl_seam import (
     BASE,
     CHAIN,
     CORNER,
@@ -20,9 +23,6 @@ from krl_seam import (
     readings_at,
     usual_seam,
 )
-
-from cellctl.formats import ModelFile
-from cellctl.kinematics import abc_from_rotation, inverse, inverse_pose, pose_from_xyz_abc
 
 CELL = "sphere_cell"
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kr5_model import ERRORS, ROBOT, kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.compensation import METHODS
 from cellctl.formats import DataSet, ModelFile, RobotFile, TableFile
@@ -14,6 +13,7 @@ from cellctl.formats.table_making import nominal_chain
 from cellctl.formats.targets import read_targets
 from cellctl.kinematics import abc_from_rotation
 from cellctl.operations.compensating import compensate_targets
+from tests.helpers.kr5_model import ERRORS, ROBOT, kr5_model, readings_near_the_middle, targets_csv
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
 

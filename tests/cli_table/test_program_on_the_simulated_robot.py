@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kr5_model import ROBOT
-from krl_seam import BASE, CHAIN, JOINTS, Seam, config, position
-from volumetric import best_rigid, truth, workspace_of
 
 from cellctl.formats import ModelFile, RobotFile
 from cellctl.kinematics import inverse, pose_from_xyz_abc
+from tests.helpers.kr5_model import ROBOT
+from tests.helpers.krl_seam import BASE, CHAIN, JOINTS, Seam, config, position
+from tests.helpers.simulated_data import best_rigid, truth, workspace_of
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
 SEED = 4

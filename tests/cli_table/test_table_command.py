@@ -4,10 +4,10 @@ import json
 from dataclasses import replace
 
 import pytest
-from kr5_model import kr5_model
 
 from cellctl.devices import DeviceFault, DeviceLost, DeviceUncertain, TableRow
 from cellctl.formats import TableFile
+from tests.helpers.kr5_model import kr5_model
 
 SHIPPED = "procedures/cells/sphere_cell.yaml"
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kr5_model import kr5_model
 
 from cellctl.devices import TableRow
 from cellctl.formats import TableFile
+from tests.helpers.kr5_model import kr5_model
 
 CHANGE_DEG = 0.05
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kr5_model import ROBOT
 
 from cellctl.calibration import RobotModel
 from cellctl.compensation import METHODS, compensate
@@ -13,6 +12,7 @@ from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
 from cellctl.error_maps.perceptron import Perceptron
 from cellctl.formats import RobotFile
 from cellctl.kinematics import pose_difference
+from tests.helpers.kr5_model import ROBOT
 
 CHAIN = RobotFile.load(ROBOT).chain()
 ACTUAL = CHAIN.with_parameters({"theta2": 0.003, "a2": -0.7, "d4": 0.8, "alpha4": 0.0009})

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from kr5_model import ROBOT
 
 from cellctl.compensation.postures import stated_posture
 from cellctl.formats import RobotFile
 from cellctl.kinematics.controller_readings import status_of, turn_of
+from tests.helpers.kr5_model import ROBOT
 
 FILE = RobotFile.load(ROBOT)
 CHAIN, JOINTS, LIMITS = FILE.chain(), FILE.joint_map(), FILE.limits()

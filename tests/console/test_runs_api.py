@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from api_client import TOKEN, ApiClient, api_client
-from finished_runs import run_in
-from kr5_model import ERRORS, kr5_model
 
 from cellctl.console.commands import all_audited
+from tests.helpers.api_client import TOKEN, ApiClient, api_client
+from tests.helpers.finished_runs import run_in
+from tests.helpers.kr5_model import ERRORS, kr5_model
 
 COMMAND = {"Authorization": f"Bearer {TOKEN}", "X-Operator": "Kim"}
 

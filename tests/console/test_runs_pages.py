@@ -9,13 +9,13 @@ from typing import Any
 
 import httpx
 import pytest
-from console_process import ConsoleProcess, browser, console_process
-from daily_checks import check
-from finished_runs import run_in
-from kr5_model import ERRORS, kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from tests.helpers.console import ConsoleProcess, browser, console_process
+from tests.helpers.daily_checks import check
+from tests.helpers.finished_runs import run_in
+from tests.helpers.kr5_model import ERRORS, kr5_model, readings_near_the_middle, targets_csv
 
 pytestmark = pytest.mark.long
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 import cellctl
 from cellctl.files import parse_yaml
 from cellctl.formats import RobotFile
+from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 
 @pytest.fixture(scope="session")

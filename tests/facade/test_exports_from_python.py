@@ -3,11 +3,11 @@
 import warnings
 
 import pytest
-from elbow_model import cellctl as command
-from elbow_model import printed_errors
-from kr5_model import kr5_model
 
 import cellctl
+from tests.helpers.elbow_model import cellctl as command
+from tests.helpers.elbow_model import printed_errors
+from tests.helpers.kr5_model import kr5_model
 
 
 @pytest.fixture

@@ -3,12 +3,12 @@
 import json
 
 import pytest
-from elbow_model import cellctl as command
-from elbow_model import printed_errors
-from kr5_model import kr5_model
-from krl_seam import position, readings_at, usual_seam
 
 import cellctl
+from tests.helpers.elbow_model import cellctl as command
+from tests.helpers.elbow_model import printed_errors
+from tests.helpers.kr5_model import kr5_model
+from tests.helpers.krl_seam import position, readings_at, usual_seam
 
 
 @pytest.fixture

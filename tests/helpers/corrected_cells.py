@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
-from cell_runs import ROOT
 
 from cellctl.clock import Clock
 from cellctl.devices import CorrectionModel
@@ -21,6 +20,7 @@ from cellctl.operations.cell_devices import SimulatedCell, open_devices, tell_ta
 from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
 from sims.cell import read_cell
 from sims.world import World
+from tests.helpers.runs import ROOT
 
 HEAVY_CELL = ROOT / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from online_models import wavy_model
-
 from cellctl.devices import CorrectionModel
 from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
+from tests.helpers.online_models import wavy_model
 
 MODEL = CorrectionModel("m1", {name: tuple(values) for name, values in wavy_model(0.5, span_deg=170.0).items()})
 HERE, THERE = (5.0, -65.0, 95.0, 5.0, 65.0, 5.0), (15.0, -60.0, 90.0, 15.0, 75.0, -15.0)

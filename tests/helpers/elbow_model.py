@@ -4,10 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
-from elbow_arm import ROBOT
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from tests.helpers.arms import ROBOT
 
 
 def cellctl(*words: object) -> int:

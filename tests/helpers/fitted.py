@@ -6,10 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from own_arm import Floats
-from own_posterior import Unknown
-from own_rows import OwnPoses, OwnPositions, OwnTouches
-from simulated_setups import Draw
 
 from cellctl.calibration import (
     Identification,
@@ -30,6 +26,10 @@ from cellctl.calibration import (
 )
 from cellctl.calibration.verdict.reliability import Reliability
 from cellctl.kinematics import Link, SerialChain
+from tests.helpers.own_model import Floats
+from tests.helpers.own_posterior import Unknown
+from tests.helpers.own_rows import OwnPoses, OwnPositions, OwnTouches
+from tests.helpers.simulated_setups import Draw
 
 TORCH_M = 0.4103
 """Length of the KR5's torch; with the weight, the horizontal torch's sag comes out as the own arm's."""

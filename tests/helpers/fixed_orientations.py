@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from own_arm import Floats, ur10
 from scipy.spatial.transform import Rotation
-from simulated_setups import Draw, seen_by_tracker
+
+from tests.helpers.own_model import Floats, ur10
+from tests.helpers.simulated_setups import Draw, seen_by_tracker
 
 DOWN = np.radians([0.0, -100.0, 110.0, -100.0, -90.0, 20.0])
 """A UR10 with its tool pointing down, in the middle of where it works."""

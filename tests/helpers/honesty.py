@@ -13,11 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from fitted import Fitted, fitted
-from own_arm import Floats, OwnArm
-from own_posterior import Unknown, deviations_between, scipys_optimum
 from scipy.stats import chi2
-from simulated_setups import Draw
+
+from tests.helpers.fitted import Fitted, fitted
+from tests.helpers.own_model import Floats, OwnArm
+from tests.helpers.own_posterior import Unknown, deviations_between, scipys_optimum
+from tests.helpers.simulated_setups import Draw
 
 QUANTILE_DRAWS = 4000
 

@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 
 import numpy as np
-from kr5_table import KR5_TABLE
 
 from cellctl.formats import ModelFile, RobotFile, nominal_model
 from cellctl.formats.model import Centre, JointRegion, Parameter
+from tests.helpers.kr5_table import KR5_TABLE
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml"
 ERRORS = {"theta2": 0.003, "theta3": -0.004, "a2": -0.7, "d4": 0.8, "alpha4": 0.0009, "tool_y": -1.1}

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from kr5_model import ROBOT
 
 from cellctl.formats import RobotFile
 from cellctl.kinematics import Floats, abc_from_rotation, inverse, inverse_pose, pose_from_xyz_abc
 from cellctl.kinematics.controller_readings import status_of, turn_of
+from tests.helpers.kr5_model import ROBOT
 
 FILE = RobotFile.load(ROBOT)
 CHAIN, JOINTS = FILE.chain(), FILE.joint_map()

@@ -4,12 +4,12 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-from simulated_devices import catalogue, read_fault
 
 from sims.faults import Faults
 from sims.geocom._accuracy import PROFILES
 from sims.geocom._instrument import Build
 from sims.geocom._server import LaserStation
+from tests.helpers.simulated_devices import catalogue, read_fault
 
 MS, S = 1_000_000, 1_000_000_000
 

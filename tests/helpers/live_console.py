@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from console_process import free_port
+from tests.helpers.console import free_port
 
 _NOTE = """
 window.shown = {};

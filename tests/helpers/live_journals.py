@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
-from engine_runs import KINDS
-
 from cellctl.journal import (
     Journal,
     OperatorAction,
@@ -23,6 +21,7 @@ from cellctl.journal import (
     StepStarted,
 )
 from cellctl.procedure import StepRegistry
+from tests.helpers.engine import KINDS
 
 PROCEDURE = """
 procedure: test

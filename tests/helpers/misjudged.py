@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from own_posterior import OwnPrior
-from own_rows import OwnPoses, OwnPositions, OwnTouches
-from simulated_setups import PRIOR, Draw
+
+from tests.helpers.own_posterior import OwnPrior
+from tests.helpers.own_rows import OwnPoses, OwnPositions, OwnTouches
+from tests.helpers.simulated_setups import PRIOR, Draw
 
 WILD_ROWS = 3
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from own_arm import Floats, OwnArm, six_of, turns
-from own_rows import OwnRows
 from scipy.optimize import least_squares
+
+from tests.helpers.own_model import Floats, OwnArm, six_of, turns
+from tests.helpers.own_rows import OwnRows
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from own_arm import Floats, OwnArm
+
+from tests.helpers.own_model import Floats, OwnArm
 
 
 class OwnRows(Protocol):

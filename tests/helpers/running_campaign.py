@@ -7,13 +7,12 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from engine_runs import KINDS, FakeGate
-
 from cellctl.clock import WallClock
 from cellctl.engine import Engine, Mailbox, Plan, Surround
 from cellctl.files import parse_yaml, sha256_of
 from cellctl.journal import Journal, RunStarted, SourceFile, fold, read_journal
 from cellctl.procedure import StepRegistry, read_procedure
+from tests.helpers.engine import KINDS, FakeGate
 
 PATIENCE_S = 60.0
 

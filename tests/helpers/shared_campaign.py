@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import SELFCAL, cellctl
 
 from cellctl.journal import RunState, fold, read_journal
+from tests.helpers.runs import SELFCAL, cellctl
 
 SEED = 1
 

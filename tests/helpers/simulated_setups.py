@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from own_arm import Floats, OwnArm, kr5, pose_of, small_motion, ur10
-from own_effects import JointErrors
-from own_posterior import OwnPrior
-from own_rows import OwnPoses, OwnPositions, OwnRows, OwnTouches, between
 from scipy.spatial.transform import Rotation
+
+from tests.helpers.own_effects import JointErrors
+from tests.helpers.own_model import Floats, OwnArm, kr5, pose_of, small_motion, ur10
+from tests.helpers.own_posterior import OwnPrior
+from tests.helpers.own_rows import OwnPoses, OwnPositions, OwnRows, OwnTouches, between
 
 SIGMA_MM = 0.03
 SIGMA_RAD = 1e-4

@@ -8,11 +8,10 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from controller_tables import ControllerTables
-
 from cellctl.clock import WallClock
 from drivers.kuka_rsi.eki.channel import EkiChannel
 from drivers.kuka_rsi.eki.tables import TableChannel
+from tests.helpers.controller_tables import ControllerTables
 
 COMMAND = re.compile(rb'<Cmd Id="(\d+)" Op="(\w+)">(.*?)</Cmd>', re.DOTALL)
 NEVER = 1 << 30

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from textbook_arm import UR10, forward
+
+from tests.benchmarks.textbook import UR10, forward
 
 SIGMA = 0.05
 """1 σ of a coordinate as the rows have it, mm."""

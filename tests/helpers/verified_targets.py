@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
-from cell_runs import ROOT, finished_run
-from tracker_truth import Truth
 
 from cellctl.journal import RunState, fold, read_journal
 from cellctl.kinematics import Floats
 from cellctl.metrology.error_figures import FloorRatio, floor_ratio
 from procedures.steps.tracker._judging import Targets
 from procedures.steps.tracker.rows import CompensatedRow, TargetsRow
+from tests.helpers.runs import ROOT, finished_run
+from tests.helpers.tracker_truth import Truth
 
 HEAVY_CELL = ROOT / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"
 CALIBRATION = ROOT / "procedures" / "papers" / "configuration_space_kriging.yaml"

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any, final
 from unittest.mock import patch
 
-from corrected_cells import Bench, robot_of
-
 import sims.running
 from cellctl.operations.cell_devices import SimulatedCell
 from sims.cell import read_cell
 from sims.running import RunningCell
+from tests.helpers.corrected_cells import Bench, robot_of
 
 CYCLE_NS = 4_000_000
 PATIENCE_S = 60.0

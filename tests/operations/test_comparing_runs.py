@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from finished_runs import run_in
-from kr5_model import ERRORS, kr5_model
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
@@ -17,6 +15,8 @@ from cellctl.journal import Journal, Recorded, RunStarted, SourceFile
 from cellctl.operations.comparing_models import difference_covariance, model_difference
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.run_list import run_rows
+from tests.helpers.finished_runs import run_in
+from tests.helpers.kr5_model import ERRORS, kr5_model
 
 SIGMA_MM, SIGMA_RAD = 0.05, 5e-5
 

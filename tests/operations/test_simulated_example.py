@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import simulated_example
 
 from cellctl.operations import analyses
+from tests.helpers import simulated_example
 
 
 def test_the_example_is_what_the_simulated_world_gives() -> None:

@@ -14,8 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from perturbed_models import library_robot, perturbed
-from real_ur10 import DATA, fitted_ur10
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
@@ -24,6 +22,8 @@ from cellctl.formats import ModelFile
 from cellctl.formats.exports import effects_left_out, fitted_geometry, measured_postures
 from cellctl.formats.table_making import nominal_chain
 from cellctl.kinematics import inverse_pose, pose_from_xyz_abc
+from tests.helpers.perturbed_models import library_robot, perturbed
+from tests.helpers.real_ur10 import DATA, fitted_ur10
 
 urdf = pytest.importorskip("pytransform3d.urdf")
 MACRO = Path(__file__).parent / "own_ur_macro.xacro"

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_postures import KR5
 
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.planning import PlannedTouch, Plate, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach, Thickness, between_lines
 from sims.cell import SimCell, read_cell
 from sims.world import World
+from tests.helpers.robot_postures import KR5
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"
 ROBOT = RobotFile.load(PROCEDURES / "robots" / "kr5_r1400.yaml")

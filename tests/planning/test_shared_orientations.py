@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_postures import KR5
 from scipy.spatial.transform import Rotation
 
 from cellctl.formats import RobotFile
 from cellctl.planning import OutOfReach, SphereTarget
 from cellctl.planning.shared_orientations import OrientedTouch, plan_oriented_touches
 from cellctl.planning.ways import Reach
+from tests.helpers.robot_postures import KR5
 
 ROBOT = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")
 SPHERES = [SphereTarget("S1", (950.0, -350.0, 250.0), 31.3), SphereTarget("P1", (850.0, 0.0, 550.0), 31.3)]

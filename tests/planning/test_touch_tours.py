@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_postures import KR5
 
 from cellctl.formats import RobotFile
 from cellctl.planning import OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach
+from tests.helpers.robot_postures import KR5
 
 ROBOT = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")
 SPHERES = [SphereTarget("S1", (950.0, -350.0, 250.0), 31.3), SphereTarget("P1", (850.0, 0.0, 550.0), 31.3)]

@@ -11,10 +11,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from cell_runs import CELL, ROOT, touches_procedure
 
 import cellctl
 from cellctl.cli.verbs import VERBS
+from tests.helpers.runs import CELL, ROOT, touches_procedure
 
 PACKAGES = ("cellctl", "drivers", "procedures", "sims")
 MOST_IN_FUNCTIONS = 150

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from cell_runs import ROOT
 from typer.testing import CliRunner
 
 from cellctl.cli.verbs import app
@@ -11,6 +10,7 @@ from cellctl.files import InputError
 from cellctl.formats import RobotFile
 from cellctl.operations.robot_library import markdown, reach_mm, robots
 from cellctl.robots import library
+from tests.helpers.runs import ROOT
 
 
 def cellctl(*words):

@@ -16,11 +16,7 @@ from functools import cache
 from typing import TypeVar
 
 import numpy as np
-from kr5_model import ROBOT
 from numpy.typing import NDArray
-from own_arm import Floats
-from own_campaigns import Campaign, body_error, certificate, nominal_of
-from volumetric import HIGH, LOW, workspace_of
 
 from cellctl.calibration import (
     Measured,
@@ -34,6 +30,10 @@ from cellctl.calibration import (
     sigma_among,
 )
 from cellctl.formats import RobotFile
+from tests.helpers.kr5_model import ROBOT
+from tests.helpers.own_campaigns import Campaign, body_error, certificate, nominal_of
+from tests.helpers.own_model import Floats
+from tests.helpers.simulated_data import HIGH, LOW, workspace_of
 from tests.studies._runner import Row, Study, Table, each
 
 SIGMA_MM = 0.03

@@ -16,12 +16,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, fields, replace
 
 import numpy as np
-from fixed_orientations import TILTED, UPRIGHT, fixed
-from honesty import Elsewhere, Honesty, Summary, elsewhere, honesty
-from misjudged import MISJUDGED
-from own_effects import JointErrors
-from simulated_setups import OUTSIDE, SETUPS
 
+from tests.helpers.fixed_orientations import TILTED, UPRIGHT, fixed
+from tests.helpers.honesty import Elsewhere, Honesty, Summary, elsewhere, honesty
+from tests.helpers.misjudged import MISJUDGED
+from tests.helpers.own_effects import JointErrors
+from tests.helpers.simulated_setups import OUTSIDE, SETUPS
 from tests.studies._runner import Row, Study, Table, each
 
 TURNS = {"one": [UPRIGHT], "two, 40° apart": [UPRIGHT, TILTED]}

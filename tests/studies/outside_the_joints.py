@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from real_rows import DATA, JOINTS, REPEATABILITY_MM
 
 from cellctl.calibration import (
     EffectInputs,
@@ -32,6 +31,7 @@ from cellctl.calibration import (
 )
 from cellctl.calibration.verdict.heldout import held_out_rows
 from cellctl.formats import RobotFile
+from tests.helpers.real_data import DATA, JOINTS, REPEATABILITY_MM
 from tests.studies._runner import Row, Study, Table, each
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "ur10.yaml"

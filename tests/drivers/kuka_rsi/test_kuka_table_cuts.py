@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from controller_tables import ControllerTables, Kept
-from table_line import CutLine, channel_to
 
 from cellctl.devices import ControllerTable, DeviceLost, DeviceUncertain, TableRow, TableState
+from tests.helpers.controller_tables import ControllerTables, Kept
+from tests.helpers.table_line import CutLine, channel_to
 
 
 def table(rows: int) -> ControllerTable:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from corrected_cells import HEAVY_CELL
-from corrected_paths import Path, identified, lag_of, travel
 
 from sims.cell import read_cell
+from tests.helpers.corrected_cells import HEAVY_CELL
+from tests.helpers.simulated_robots import Path, identified, lag_of, travel
 
 HEAVY = read_cell(HEAVY_CELL)
 SPEEDS_MM_S = (100.0, 200.0, 300.0)

@@ -3,12 +3,12 @@
 from math import dist
 
 import pytest
-from simulated_devices import catalogue
-from true_worlds import with_errors
 
 from sims.cell import Plate
 from sims.faults import Faults
 from sims.scene.scene import Scene
+from tests.helpers.simulated_devices import catalogue
+from tests.helpers.true_worlds import with_errors
 
 
 @pytest.fixture

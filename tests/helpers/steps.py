@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from own_arm import Floats, OwnArm, kr5, pose_of
 from scipy.spatial.transform import Rotation
-from simulated_setups import KR5_SIGNS, erroneous
 
 from cellctl.clock import Clock
 from cellctl.devices import (
@@ -41,6 +39,8 @@ from cellctl.files import load_yaml
 from cellctl.formats.cell_sections import reflectors_of, station_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile, fold, read_journal
 from cellctl.procedure import StepRegistry, load_procedure, section_of
+from tests.helpers.own_model import Floats, OwnArm, kr5, pose_of
+from tests.helpers.simulated_setups import KR5_SIGNS, erroneous
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"
 CELL = PROCEDURES / "cells" / "tracker_cell.yaml"

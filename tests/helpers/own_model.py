@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from kr5_table import KR5_TABLE
 from numpy.typing import NDArray
-from own_effects import JointErrors
 from scipy.spatial.transform import Rotation
+
+from tests.helpers.kr5_table import KR5_TABLE
+from tests.helpers.own_effects import JointErrors
 
 Floats = NDArray[np.float64]
 

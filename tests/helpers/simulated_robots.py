@@ -14,8 +14,6 @@ from functools import cache
 from typing import Any, final
 
 import numpy as np
-from cell_runs import ROOT
-from corrected_cells import HEAVY_CELL, true_places, true_world
 
 import cellctl
 from cellctl.formats import ModelFile
@@ -29,6 +27,8 @@ from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 from drivers.kuka_rsi.cyclic.session import Admission, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.telegram import read_telegram
+from tests.helpers.corrected_cells import HEAVY_CELL, true_places, true_world
+from tests.helpers.runs import ROOT
 
 STEP_MS = 12
 LIMITS = OnlineLimits(online_correction_deg=1.5)

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from own_arm import Floats, OwnArm, kr5
-from report_rows import SEARCH
 from scipy.spatial.transform import Rotation
-from simulated_setups import KR5_SIGNS
 
 from cellctl.journal import Entry, Outcome, Recorded, RunStarted, RunState, SourceFile, StepEnded, StepStarted, fold
+from tests.helpers.own_model import Floats, OwnArm, kr5
+from tests.helpers.report_rows import SEARCH
+from tests.helpers.simulated_setups import KR5_SIGNS
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import ROOT, Ended, faults, run_here
 
 from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.engine import Mailbox, NobodyWatching, Outcome
@@ -19,6 +18,7 @@ from cellctl.operations.launch import Options, ResumedRun, resumed_run, run_on
 from cellctl.operations.run_folder import result_of
 from cellctl.records import TableStateRow
 from procedures.steps.tracker.rows import TrackerVerdict
+from tests.helpers.runs import ROOT, Ended, faults, run_here
 
 PROCEDURE = ROOT / "procedures" / "tracker_calibration.yaml"
 CELL = ROOT / "procedures" / "cells" / "tracker_cell.yaml"

@@ -6,10 +6,9 @@ import select
 import socket
 import time
 
-from simulated_devices import catalogue, read_fault
-
 from sims.faults import Faults
 from sims.kernel import Kernel
+from tests.helpers.simulated_devices import catalogue, read_fault
 
 PATIENCE_S = 60.0
 
