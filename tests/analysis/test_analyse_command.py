@@ -13,7 +13,7 @@ import pytest
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import RobotFile
-from tests.helpers.html_pages import Page
+from tests.helpers.reports import Page
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "procedures/robots/kr5_r1400.yaml"

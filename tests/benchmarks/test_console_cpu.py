@@ -9,9 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.helpers.console import browser
-from tests.helpers.live_console import LiveConsole, live_console, shown_at_ms
-from tests.helpers.live_journals import WrittenRun
+from tests.helpers.console import LiveConsole, browser, live_console, shown_at_ms
+from tests.helpers.engine import WrittenRun
 
 EVENTS = 25
 

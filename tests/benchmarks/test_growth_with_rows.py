@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.benchmarks.side_by_side import median, race, side
-from tests.helpers.textbook_rows import save_rows
+from tests.benchmarks.textbook import save_rows
 
 FITS = [sys.executable, str(Path(__file__).parent / "cellctl_fits.py")]
 FEW, TIMES = 500, 10

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import SpacingRows, Task, TouchRows
 from cellctl.formats import RobotFile, nominal_model
-from tests.helpers.kr5_table import KR5_TABLE
+from tests.helpers.own_model import KR5_TABLE
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"
 

@@ -15,7 +15,7 @@ from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
 from tests.helpers import arms
 from tests.helpers.arms import csv_text, joints_and_places
 
-ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ROBOT))
+ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
 FIT, HELD_OUT = 120, 100
 SIGMA = 0.017
 
@@ -32,7 +32,7 @@ def lean(readings):
 def fitted(size, model="auto", seed=6, outlier=None):
     """Measurements and fit of an arm that leans so many times as `lean` says; row `outlier` is 80 mm off."""
     rng = np.random.default_rng(seed)
-    readings = rng.uniform(arms.LOWER, arms.UPPER, (FIT + HELD_OUT, 3))
+    readings = rng.uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (FIT + HELD_OUT, 3))
     places = arms.ElbowArm().tcp(readings) + size * lean(readings) + rng.normal(0.0, SIGMA, (len(readings), 3))
     if outlier is not None:
         places[outlier] += (0.0, 80.0, 0.0)
@@ -71,7 +71,7 @@ def test_a_model_file_holds_the_field_and_predicts_the_same(tmp_path):
     ModelFile.of(ROBOT, measured, result).save(tmp_path / "model.json")
     again = ModelFile.load(tmp_path / "model.json").robot_model()
     found = result.identification.identified
-    q = ROBOT.joint_map().model(np.random.default_rng(2).uniform(arms.LOWER, arms.UPPER, (50, 3)))
+    q = ROBOT.joint_map().model(np.random.default_rng(2).uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (50, 3)))
     own = predict(found.state.model, found.covariance[: found.unknowns.robot, : found.unknowns.robot], q)
     np.testing.assert_allclose(again.tcp(q), own.poses[:, :3, 3], atol=1e-9)
     np.testing.assert_allclose(again.open_variance(q), found.state.model.open_variance(q), atol=1e-12)

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Session, Task, identify
-from tests.helpers.fitted import task_of
+from tests.helpers.honesty import task_of
 from tests.helpers.own_campaigns import Campaign, certificate, nominal_of, shape_error
 from tests.helpers.simulated_setups import SPHERES, poses
 

@@ -7,9 +7,8 @@ import pytest
 
 from cellctl.calibration import Split, State, Tolerances, Unknowns, fit, identify
 from cellctl.calibration.selection.cross_validation import Linear
-from tests.helpers.fitted import fitted
-from tests.helpers.misjudged import wild_rows, with_wild_rows
-from tests.helpers.simulated_setups import SETUPS, sph
+from tests.helpers.honesty import fitted
+from tests.helpers.simulated_setups import SETUPS, sph, wild_rows, with_wild_rows
 
 LATER = np.arange(80) >= 50
 FIT = np.flatnonzero(~LATER)

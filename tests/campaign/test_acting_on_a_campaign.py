@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from cellctl.journal import OperatorAction, StateChanged, fold, read_journal
-from tests.helpers.child_process import child
-from tests.helpers.runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, only_run, touches_procedure
+from tests.helpers.runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, child, only_run, touches_procedure
 
 pytestmark = pytest.mark.campaign
 

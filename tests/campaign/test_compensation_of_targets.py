@@ -9,7 +9,7 @@ import pytest
 from cellctl.journal import fold, read_journal
 from procedures.steps.tracker.rows import CorrectionEndRow, CorrectionLogRow, TrackerVerdict
 from tests.helpers.runs import cellctl, only_run
-from tests.helpers.verified_targets import HEAVY_CELL, MOST_MM, OVER_FLOOR, TARGETS, Verified, calibrated, verified
+from tests.helpers.tracker import HEAVY_CELL, MOST_MM, OVER_FLOOR, TARGETS, Verified, calibrated, verified
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

@@ -23,7 +23,6 @@ from cellctl.journal import fold, read_journal
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.cell_devices import SimulatedCell
 from cellctl.operations.launch import Options, run_on
-from tests.helpers.child_process import child
 from tests.helpers.runs import (
     PATIENCE_S,
     ROOT,
@@ -31,6 +30,7 @@ from tests.helpers.runs import (
     another_engine,
     cell_with,
     cellctl,
+    child,
     controller_states,
     only_run,
     touches_procedure,

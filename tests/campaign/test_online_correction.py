@@ -11,12 +11,20 @@ from pathlib import Path
 import pytest
 
 from cellctl.devices import CorrectionModel, DeviceError, DeviceFault, DeviceLost, DeviceRefused
-from tests.helpers.child_process import child
-from tests.helpers.corrected_cells import HEAVY_CELL, simulated_robot
-from tests.helpers.correcting_engine import HERE, MODEL, PERCENT, THERE, corrected_from_here, there_and_back
-from tests.helpers.online_models import wavy_model
-from tests.helpers.runs import ROOT
-from tests.helpers.watched_cell import watched_cell, watched_robot
+from tests.helpers.krc import wavy_model
+from tests.helpers.runs import ROOT, child
+from tests.helpers.simulated_robots import (
+    HEAVY_CELL,
+    HERE,
+    MODEL,
+    PERCENT,
+    THERE,
+    corrected_from_here,
+    simulated_robot,
+    there_and_back,
+    watched_cell,
+    watched_robot,
+)
 
 pytestmark = pytest.mark.campaign
 
@@ -118,8 +126,8 @@ import asyncio, json, sys
 sys.path[:0] = sys.argv[3:]
 from pathlib import Path
 from cellctl.operations.cell_devices import SimulatedCell
-from tests.helpers.corrected_cells import robot_of
-from tests.helpers.correcting_engine import corrected_from_here, there_and_back
+from tests.helpers.simulated_robots import robot_of
+from tests.helpers.simulated_robots import corrected_from_here, there_and_back
 
 async def main():
     simulated = SimulatedCell(None, None, json.loads(sys.argv[2]))

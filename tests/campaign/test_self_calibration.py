@@ -17,9 +17,19 @@ import pytest
 
 from cellctl.formats import ModelFile
 from cellctl.journal import StepStarted, fold, read_journal
-from tests.helpers.child_process import child
-from tests.helpers.runs import CELL, PATIENCE_S, ROOT, SELFCAL, cellctl, only_run
-from tests.helpers.shared_campaign import SEED, Whole, campaign, shared_campaign
+from tests.helpers.runs import (
+    CELL,
+    PATIENCE_S,
+    ROOT,
+    SEED,
+    SELFCAL,
+    Whole,
+    campaign,
+    cellctl,
+    child,
+    only_run,
+    shared_campaign,
+)
 from tests.helpers.simulated_data import volumetric_errors
 
 pytestmark = pytest.mark.campaign

@@ -9,8 +9,7 @@ from scipy import stats
 from cellctl.engine import State
 from procedures.steps.tracker.rows import FramesRow, MonumentsRow, PoseRow
 from tests.helpers.runs import ROOT, Ended
-from tests.helpers.tracker import CELL, run, verdict_of
-from tests.helpers.tracker_truth import Truth, found_frames, frame_errors, true_frames
+from tests.helpers.tracker import CELL, Truth, found_frames, frame_errors, run, true_frames, verdict_of
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

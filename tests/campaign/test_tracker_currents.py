@@ -13,8 +13,7 @@ from cellctl.formats import DataSet, RobotFile
 from cellctl.formats.measurements import measurements
 from procedures.steps.tracker.rows import PoseRow
 from tests.helpers.runs import ROOT, Ended, run_here
-from tests.helpers.tracker import cell_of, procedure_of
-from tests.helpers.tracker_truth import Truth
+from tests.helpers.tracker import Truth, cell_of, procedure_of
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

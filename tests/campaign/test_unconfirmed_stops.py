@@ -13,8 +13,7 @@ import pytest
 
 from cellctl.files import parse_yaml
 from cellctl.journal import InterlockChanged, RunResumed, StepStarted, fold, read_journal
-from tests.helpers.child_process import child
-from tests.helpers.runs import PATIENCE_S, ROOT, cellctl, faults, only_run
+from tests.helpers.runs import PATIENCE_S, ROOT, cellctl, child, faults, only_run
 
 pytestmark = pytest.mark.campaign
 

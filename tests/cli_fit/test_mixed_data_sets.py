@@ -12,7 +12,7 @@ from cellctl.calibration import Postures
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
-from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
+from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 NOISE_MM = 0.02 / math.sqrt(3)
 ARM = ElbowArm()
@@ -22,7 +22,7 @@ SPHERE, SOCKET, ANCHOR = np.array([600.0, -200.0, 300.0]), np.array([550.0, 250.
 
 @pytest.fixture
 def cellctl(tmp_path, monkeypatch):
-    (tmp_path / "robot.yaml").write_text(ROBOT)
+    (tmp_path / "robot.yaml").write_text(ELBOW_ROBOT)
     monkeypatch.chdir(tmp_path)
     return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
@@ -268,7 +268,7 @@ def test_a_model_file_from_before_effects_and_sessions_still_loads(fitted, tmp_p
 
 
 def test_tolerances_of_the_robot_file_hold(fitted, tmp_path):
-    (tmp_path / "robot.yaml").write_text(f"{ROBOT}tolerances: {{link_mm: 0.8}}\n")
+    (tmp_path / "robot.yaml").write_text(f"{ELBOW_ROBOT}tolerances: {{link_mm: 0.8}}\n")
     fitted(csv_text(places(np.random.default_rng(9), ARM)), "--model", "geometry")
     before = {each.name: each.prior_sigma for each in ModelFile.load(tmp_path / "m.json").parameters}
     assert before["a2"] == 0.8

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tests.helpers.motor_rows import ROBOT, motor_rows, world
 from tests.helpers.runs import cellctl
+from tests.helpers.simulated_data import KR5_FILE, motor_rows, motor_world
 
 JOINTS = "A1,A2,A3,A4,A5,A6"
 POSTURE = "10,-80,85,20,40,30"
@@ -12,8 +12,10 @@ POSTURE = "10,-80,85,20,40,30"
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     folder = tmp_path_factory.mktemp("motor")
-    data = motor_rows(world(1, 1.0), 140, 6).write(folder / "rows.csv", 60)
-    fit = cellctl("fit", ROBOT, data, "--measure", "position", "--model", "geometry+motor", "--out", folder / "m.json")
+    data = motor_rows(motor_world(1, 1.0), 140, 6).write(folder / "rows.csv", 60)
+    fit = cellctl(
+        "fit", KR5_FILE, data, "--measure", "position", "--model", "geometry+motor", "--out", folder / "m.json"
+    )
     assert fit.returncode == 0, fit.stderr
     assert "Better than nominal" in fit.stdout + fit.stderr
     return folder / "m.json"

@@ -7,8 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.helpers.arms import LOWER, UPPER, ElbowArm, csv_text, drawn, joints_and_places
-from tests.helpers.elbow_model import cellctl, identified
+from tests.helpers.arms import (
+    ELBOW_LOWER,
+    ELBOW_UPPER,
+    ElbowArm,
+    cellctl,
+    csv_text,
+    drawn,
+    identified_elbow,
+    joints_and_places,
+)
 
 NOISE_MM = 0.02 / math.sqrt(3)
 THEN = ElbowArm()
@@ -23,18 +31,18 @@ def measured(arm, readings, seed):
 
 def on_the_left(count, seed):
     """Readings with A1 in the lower half of its range."""
-    return np.random.default_rng(seed).uniform(LOWER, [-10.0, *UPPER[1:]], (count, 3))
+    return np.random.default_rng(seed).uniform(ELBOW_LOWER, [-10.0, *ELBOW_UPPER[1:]], (count, 3))
 
 
 def on_the_right(count, seed):
     """Readings with A1 in the upper half of its range."""
-    return np.random.default_rng(seed).uniform([10.0, *LOWER[1:]], UPPER, (count, 3))
+    return np.random.default_rng(seed).uniform([10.0, *ELBOW_LOWER[1:]], ELBOW_UPPER, (count, 3))
 
 
 @pytest.fixture(scope="module")
 def prior(tmp_path_factory):
     """A folder with `model.json`, measured on the left alone."""
-    return identified(tmp_path_factory.mktemp("prior"), measured(THEN, on_the_left(60, 1), 1))
+    return identified_elbow(tmp_path_factory.mktemp("prior"), measured(THEN, on_the_left(60, 1), 1))
 
 
 @pytest.fixture

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
-from tests.helpers.elbow_model import cellctl, identified
+from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, cellctl, csv_text, drawn, identified_elbow, joints_and_places
 
 NOISE_MM = 0.02 / math.sqrt(3)
 ARM = ElbowArm()
@@ -24,7 +23,7 @@ def measured(arm, count, seed):
 @pytest.fixture(scope="module")
 def older(tmp_path_factory):
     """A folder with the robot file and `model.json`, identified from 60 positions before anything happened."""
-    return identified(tmp_path_factory.mktemp("older"), measured(ARM, 60, 1))
+    return identified_elbow(tmp_path_factory.mktemp("older"), measured(ARM, 60, 1))
 
 
 @pytest.fixture
@@ -118,7 +117,7 @@ def test_nominal_and_the_prior_model_are_compared_with_in_sentence_table_and_jso
 
 
 def test_another_robots_model_is_refused_as_prior(folder, capsys):
-    (folder / "other.yaml").write_text(ROBOT.replace("a: 500,", "a: 501,").replace("sign: -1", "sign: 1"))
+    (folder / "other.yaml").write_text(ELBOW_ROBOT.replace("a: 500,", "a: 501,").replace("sign: -1", "sign: 1"))
     assert cellctl("fit", "other.yaml", "before.csv", "--prior", "model.json") == 2
     said = capsys.readouterr().err
     assert "link table" in said

@@ -8,7 +8,7 @@ import pytest
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
-from tests.helpers.arms import ROBOT, ElbowArm, csv_text
+from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text
 
 TIP = 2.0
 ARM = replace(ElbowArm(), at=(0.0, 0.0, 0.0))
@@ -25,7 +25,7 @@ planes: [{{id: floor}}, {{id: wall}}, {{id: slope}}]
 
 @pytest.fixture
 def cellctl(tmp_path, monkeypatch):
-    (tmp_path / "robot.yaml").write_text(ROBOT)
+    (tmp_path / "robot.yaml").write_text(ELBOW_ROBOT)
     monkeypatch.chdir(tmp_path)
     return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 

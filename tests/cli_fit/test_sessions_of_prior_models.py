@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.helpers.arms import ElbowArm, csv_text, drawn, joints_and_places
-from tests.helpers.elbow_model import cellctl, identified
+from tests.helpers.arms import ElbowArm, cellctl, csv_text, drawn, identified_elbow, joints_and_places
 
 NOISE_MM = 0.02 / math.sqrt(3)
 MONDAY = ElbowArm()
@@ -29,7 +28,9 @@ def measured(days, count, seed):
 
 @pytest.fixture(scope="module")
 def older(tmp_path_factory):
-    return identified(tmp_path_factory.mktemp("sessions"), measured({"Monday": MONDAY, "Tuesday": TUESDAY}, 40, 1))
+    return identified_elbow(
+        tmp_path_factory.mktemp("sessions"), measured({"Monday": MONDAY, "Tuesday": TUESDAY}, 40, 1)
+    )
 
 
 @pytest.fixture

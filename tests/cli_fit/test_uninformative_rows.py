@@ -9,7 +9,7 @@ import pytest
 from cellctl.calibration import Split
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
-from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
+from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 NOISE_MM = 0.02 / math.sqrt(3)
 ARM = ElbowArm()
@@ -19,7 +19,7 @@ ANCHORS = {"bar": np.array([900.0, 0.0, 0.0]), "wire": np.array([200.0, 900.0, 0
 @pytest.fixture
 def fitted(tmp_path, monkeypatch):
     """Fits a data set of columns with `--model geometry`; exit code and JSON result, None where there is none."""
-    (tmp_path / "robot.yaml").write_text(ROBOT)
+    (tmp_path / "robot.yaml").write_text(ELBOW_ROBOT)
     monkeypatch.chdir(tmp_path)
 
     def fit(columns, *options):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
+from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 ARM = ElbowArm(at=(0.0, 0.0, 0.0))
 SPHERES = {"S1": [600.0, -200.0, 300.0], "S2": [600.0, 200.0, 350.0], "S3": [500.0, 0.0, 600.0]}
@@ -22,7 +22,7 @@ def told(files, cellctl, capsys):
         if touched:
             joints = {name: columns[name] for name in ("A1", "A2", "A3")}
             columns = {**joints, "sphere": touched, "radius": [RADIUS] * len(touched)}
-        (files / "robot.yaml").write_text(ROBOT)
+        (files / "robot.yaml").write_text(ELBOW_ROBOT)
         (files / "data.csv").write_text(csv_text(columns))
         assert cellctl("fit", "robot.yaml", "data.csv", "--json", "r.json", *options) in (0, 1)
         lines = capsys.readouterr().out.splitlines()

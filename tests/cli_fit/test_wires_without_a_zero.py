@@ -9,7 +9,7 @@ import pytest
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
-from tests.helpers.arms import ROBOT, ElbowArm, csv_text, drawn
+from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text, drawn
 
 NOISE_MM = 0.01
 ARM = replace(ElbowArm(), at=(0.0, 0.0, 0.0))
@@ -21,7 +21,7 @@ NAMES = ("A1", "A2", "A3", "anchor", "distance", "zero")
 @pytest.fixture
 def fitted(tmp_path, monkeypatch):
     """Fits a data set's text; the exit code, and the JSON result where there is one."""
-    (tmp_path / "robot.yaml").write_text(ROBOT)
+    (tmp_path / "robot.yaml").write_text(ELBOW_ROBOT)
     monkeypatch.chdir(tmp_path)
 
     def fit(text, *options):

@@ -13,7 +13,7 @@ import pytest
 from cellctl.cli.ends import Exit, exit_code_of
 from cellctl.cli.verbs import app
 from cellctl.journal import OperatorAction
-from tests.helpers.running_campaign import PATIENCE_S, Running
+from tests.helpers.engine import PATIENCE_S, Running
 
 
 @pytest.fixture

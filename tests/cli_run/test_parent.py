@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.child_process import child
+from tests.helpers.runs import child
 
 PATIENCE_S = 120.0
 

@@ -11,7 +11,7 @@ from cellctl.cli.verbs import app
 from cellctl.devices import ControllerTable, DeviceRefused, Identity, TableInfo, TableState
 from cellctl.operations import table as table_module
 from cellctl.operations.cell_devices import Connected
-from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
 

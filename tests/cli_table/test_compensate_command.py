@@ -9,7 +9,7 @@ import pytest
 from cellctl.compensation import METHODS
 from cellctl.formats import ModelFile, TableFile
 from cellctl.journal import DevicesConnected, Journal
-from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
 
 def compensated(cellctl, folder, *options, targets="targets.csv"):

@@ -8,8 +8,8 @@ import pytest
 
 from cellctl.formats import ModelFile
 from cellctl.kinematics import abc_from_rotation, inverse, inverse_pose, pose_from_xyz_abc
-from tests.helpers.kr5_model import kr5_model
-from tests.helpers.krl_seam import (
+from tests.helpers.arms import kr5_model
+from tests.helpers.krl import (
     BASE,
     CHAIN,
     CORNER,

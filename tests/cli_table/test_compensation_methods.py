@@ -13,7 +13,7 @@ from cellctl.formats.table_making import nominal_chain
 from cellctl.formats.targets import read_targets
 from cellctl.kinematics import abc_from_rotation
 from cellctl.operations.compensating import compensate_targets
-from tests.helpers.kr5_model import ERRORS, ROBOT, kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.arms import KR5_ERRORS, KR5_FILE, kr5_model, readings_near_the_middle, targets_csv
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
 
@@ -33,7 +33,7 @@ def axes(prefix=""):
 
 def cell_of(folder, *, robot=("", ""), cell=("", "")):
     """The shipped cell, with `robot` and `cell` replaced in its files: old and new text."""
-    text = ROBOT.read_text()
+    text = KR5_FILE.read_text()
     assert robot[0] in text
     (folder / "robot.yaml").write_text(text.replace(*robot))
     text = CELL.read_text().replace("../robots/kr5_r1400.yaml", "robot.yaml")
@@ -115,7 +115,7 @@ def test_the_comparison_as_json_has_accuracy_error_of_each_pass_time_and_counts(
 def test_the_comparison_counts_and_names_a_target_that_a_method_does_not_reach(cellctl, folder, capsys):
     readings = readings_near_the_middle(4)
     readings[2, 4] = 0.001
-    model = kr5_model(errors={**ERRORS, "alpha3": 0.003, "alpha5": -0.002})
+    model = kr5_model(errors={**KR5_ERRORS, "alpha3": 0.003, "alpha5": -0.002})
     region = model.joint_region.model_copy(update={"min": [-90.0] * 6, "max": [130.0] * 6})
     model.model_copy(update={"joint_region": region}).save(folder / "model.json")
     (folder / "targets.csv").write_text(targets_csv(readings))
@@ -197,7 +197,7 @@ def test_compensated_joints_outside_the_joint_limits_are_refused_by_line(cellctl
 
 
 def test_a_large_correction_is_named_where_no_cell_limits_it(cellctl, folder, capsys):
-    kr5_model(errors={**ERRORS, "theta2": 0.05}).save(folder / "model.json")
+    kr5_model(errors={**KR5_ERRORS, "theta2": 0.05}).save(folder / "model.json")
     assert cellctl("compensate", "model.json", "targets.csv", "-o", "joints.csv") == 0
     assert "targets.csv:2: a joint is corrected by 2." in capsys.readouterr().err
 

@@ -9,9 +9,9 @@ import pytest
 
 from cellctl.formats import ModelFile, RobotFile
 from cellctl.kinematics import inverse, pose_from_xyz_abc
-from tests.helpers.kr5_model import ROBOT
-from tests.helpers.krl_seam import BASE, CHAIN, JOINTS, Seam, config, position
-from tests.helpers.simulated_data import best_rigid, truth, workspace_of
+from tests.helpers.arms import KR5_FILE
+from tests.helpers.krl import BASE, CHAIN, JOINTS, Seam, config, position
+from tests.helpers.simulated_data import best_rigid, true_points, workspace_of
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
 SEED = 4
@@ -20,12 +20,12 @@ SEED = 4
 @pytest.fixture(scope="module")
 def postures():
     """Readings over the workspace: 104 for the fit, 24 for the program."""
-    readings = workspace_of(RobotFile.load(ROBOT), 128)
+    readings = workspace_of(RobotFile.load(KR5_FILE), 128)
     return readings[24:], readings[:24]
 
 
 def places(readings, folder):
-    return truth(CELL, SEED, readings, folder)
+    return true_points(CELL, SEED, readings, folder)
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def programs(cellctl, folder, postures):
     rows = np.hstack([fitted, true])
     names = [*(f"A{axis}" for axis in range(1, 7)), *"XYZ"]
     (folder / "data.csv").write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]))
-    assert cellctl("fit", ROBOT, "data.csv", "--model", "geometry", "--out", "model.json") == 0
+    assert cellctl("fit", KR5_FILE, "data.csv", "--model", "geometry", "--out", "model.json") == 0
     seam = Seam()
     for number, readings in enumerate(wanted):
         seam.point(f"P{number}", position(readings))

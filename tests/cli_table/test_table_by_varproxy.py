@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "varproxy_cell.yaml"
 

@@ -7,7 +7,7 @@ import pytest
 
 from cellctl.devices import DeviceFault, DeviceLost, DeviceUncertain, TableRow
 from cellctl.formats import TableFile
-from tests.helpers.kr5_model import kr5_model
+from tests.helpers.arms import kr5_model
 
 SHIPPED = "procedures/cells/sphere_cell.yaml"
 

@@ -8,7 +8,7 @@ import pytest
 
 from cellctl.devices import TableRow
 from cellctl.formats import TableFile
-from tests.helpers.kr5_model import kr5_model
+from tests.helpers.arms import kr5_model
 
 CHANGE_DEG = 0.05
 

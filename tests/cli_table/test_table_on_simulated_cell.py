@@ -15,7 +15,7 @@ from cellctl.cli.verbs import app
 from cellctl.formats import TableFile
 from cellctl.operations import cell_devices
 from cellctl.operations import table as table_module
-from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 from tests.helpers.runs import CELL, PATIENCE_S
 
 

@@ -21,7 +21,7 @@ from schemathesis.specs.openapi import checks
 from cellctl.clock import WallClock
 from cellctl.operations import analyses
 from tests.helpers.console import ConsoleProcess, console_process
-from tests.helpers.live_journals import WrittenRun
+from tests.helpers.engine import WrittenRun
 
 EXAMPLES = 3
 """Of each route, for content that the document allows and for content that it does not."""

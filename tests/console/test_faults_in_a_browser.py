@@ -17,9 +17,8 @@ from cellctl.clock import WallClock
 from cellctl.console.look import COLOURS
 from cellctl.journal import Journal, OperatorAction, read_journal
 from tests.helpers.console import ConsoleProcess, browser, console_process
-from tests.helpers.finished_runs import run_in
-from tests.helpers.journals import touch_run
-from tests.helpers.live_journals import WrittenRun
+from tests.helpers.engine import WrittenRun
+from tests.helpers.journals import run_in, touch_run
 from tests.helpers.runs import confirmed_touches
 
 HOSTILE = """<img src=x onerror="window.hacked=1">' innerHTML="<b>" #?&%41;"""

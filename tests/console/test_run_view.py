@@ -25,7 +25,7 @@ from cellctl.journal import (
     last_number,
 )
 from cellctl.procedure import Parameter, ParameterType
-from tests.helpers.live_journals import WrittenRun, registry
+from tests.helpers.engine import WrittenRun, registry
 
 AGAIN = "ontinue it with `cellctl run test.yaml --resume run-1`"
 HELD = "The robot is held. 0 measurements are recorded."

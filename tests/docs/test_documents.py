@@ -23,7 +23,7 @@ from cellctl.formats import RobotFile, load_artefact
 from cellctl.formats.cell_sections import currents_of
 from cellctl.formats.load import load_of
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
-from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 from tests.helpers.runs import CELL, ROOT, cellctl
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))

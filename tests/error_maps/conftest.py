@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.helpers.kr5_model import kr5_model
+from tests.helpers.arms import kr5_model
 
 NOISE_MM = 0.01
 

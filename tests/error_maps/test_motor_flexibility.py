@@ -10,11 +10,11 @@ from cellctl.error_maps.motor_flexibility import FlexibilityNetwork, MotorFlexib
 from cellctl.error_maps.perceptron import Perceptron
 from cellctl.error_maps.samples import UnusableSamples
 from cellctl.formats import RobotFile
-from tests.helpers.kr5_model import ROBOT
+from tests.helpers.arms import KR5_FILE
 
 TRUE = np.array([1.2e-4, 2.5e-4, 1.8e-4, 0.9e-4, 1.5e-4, 0.6e-4])
 SIGMA_MM = 0.02
-CHAIN = RobotFile.load(ROBOT).chain()
+CHAIN = RobotFile.load(KR5_FILE).chain()
 MIDDLE = np.deg2rad([0.0, -70.0, 80.0, 0.0, 60.0, 0.0])
 
 

@@ -5,9 +5,8 @@ import warnings
 import pytest
 
 import cellctl
-from tests.helpers.elbow_model import cellctl as command
-from tests.helpers.elbow_model import printed_errors
-from tests.helpers.kr5_model import kr5_model
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import kr5_model, printed_errors
 
 
 @pytest.fixture

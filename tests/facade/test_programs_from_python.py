@@ -5,10 +5,9 @@ import json
 import pytest
 
 import cellctl
-from tests.helpers.elbow_model import cellctl as command
-from tests.helpers.elbow_model import printed_errors
-from tests.helpers.kr5_model import kr5_model
-from tests.helpers.krl_seam import position, readings_at, usual_seam
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import kr5_model, printed_errors
+from tests.helpers.krl import position, readings_at, usual_seam
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cellctl
-from tests.helpers.elbow_model import cellctl as command
-from tests.helpers.elbow_model import printed_errors
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import printed_errors
 
 OPTIONS = [
     ({}, []),

@@ -7,8 +7,8 @@ import pytest
 import cellctl
 from cellctl.files import sha256_of
 from cellctl.journal import DevicesConnected, Journal, Recorded, RunEnded, RunStarted, SourceFile, StateChanged
-from tests.helpers.elbow_model import cellctl as command
-from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
 VERDICT = {
     "verdict": "better",

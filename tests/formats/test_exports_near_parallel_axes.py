@@ -12,8 +12,8 @@ from cellctl.formats.description import JointSaid, RobotDescription
 from cellctl.formats.dh_table import dh_table_text
 from cellctl.formats.urdf import urdf_text
 from cellctl.kinematics import JointAxis, SerialChain
-from tests.helpers.own_kinematics import assert_same_pose, forward_of_dh_table, forward_of_urdf
-from tests.helpers.perturbed_models import by_axes, library_robot, perturbed
+from tests.helpers.arms import by_axes, library_robot, perturbed
+from tests.helpers.own_model import assert_same_pose, forward_of_dh_table, forward_of_urdf
 
 URS = ["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e"]
 

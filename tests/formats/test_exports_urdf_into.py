@@ -11,8 +11,8 @@ from cellctl.files import InputError
 from cellctl.formats.description import RobotDescription
 from cellctl.formats.exports import urdf_into
 from cellctl.kinematics import inverse_pose
-from tests.helpers.own_kinematics import assert_same_pose, forward_of_urdf, slide, turn
-from tests.helpers.perturbed_models import library_robot, perturbed
+from tests.helpers.arms import library_robot, perturbed
+from tests.helpers.own_model import assert_same_pose, forward_of_urdf, slide, turn
 
 KR5 = """\
 <?xml version="1.0" encoding="iso-8859-1"?>

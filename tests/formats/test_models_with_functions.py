@@ -14,8 +14,8 @@ from cellctl.formats.fit_report import wide
 from tests.helpers import arms
 from tests.helpers.arms import csv_text, joints_and_places
 
-ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ROBOT))
-LOW, HIGH = arms.LOWER, arms.UPPER
+ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
+LOW, HIGH = arms.ELBOW_LOWER, arms.ELBOW_UPPER
 
 
 def tip(readings):

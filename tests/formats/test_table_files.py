@@ -13,7 +13,7 @@ import cellctl.formats.table
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, TableFile, compensated_targets, table_of, table_problems
 from cellctl.formats.table_making import nominal_chain
-from tests.helpers.kr5_model import kr5_model, readings_near_the_middle
+from tests.helpers.arms import kr5_model, readings_near_the_middle
 
 CREATED = "2026-11-21T20:00:00Z"
 

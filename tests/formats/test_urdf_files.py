@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cellctl.files import InputError
 from cellctl.formats.urdf import load_urdf
-from tests.helpers.own_kinematics import assert_same_pose, forward_of_urdf
+from tests.helpers.own_model import assert_same_pose, forward_of_urdf
 
 ARM = """\
 <?xml version="1.0"?>

@@ -1,21 +1,48 @@
-"""The console as its users meet it: a process of its own, and a browser."""
+"""The console as its users meet it: a process of its own, a browser, and its JSON API.
+
+`live_console` is a console process with the page of `live_page`, and browser pages that note when they showed a text.
+`api_client` sends requests to the application without a socket, while its live state is kept up to date.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import re
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import httpx
 import pytest
+
+from cellctl.console.live import LiveRuns
+from cellctl.console.server import api_app, new_console
+from cellctl.console.shared import Console, Settings
+from cellctl.procedure import StepRegistry
 
 CHROMIUM = Path("/usr/bin/chromium")
 _ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+
+ROOT = Path(__file__).parents[2]
+_NOTE = """
+window.shown = {};
+addEventListener('DOMContentLoaded', () => new MutationObserver(() => {
+  for (const [id, place] of [['message', '#message, .run-head .note'], ['count', '#count']]) {
+    const element = document.querySelector(place);
+    const key = element && `${id} ${element.textContent}`;
+    if (key && !(key in window.shown)) window.shown[key] = Date.now();
+  }
+}).observe(document.documentElement, {childList: true, subtree: true, characterData: true}));
+"""
+
+T = TypeVar("T")
+TOKEN = "secret"
 
 
 @dataclass(frozen=True)
@@ -78,3 +105,94 @@ def browser() -> Iterator[Any]:
             yield chromium
         finally:
             chromium.close()
+
+
+@dataclass(frozen=True)
+class LiveConsole:
+    """The process, and its address."""
+
+    process: subprocess.Popen[str]
+    url: str
+
+    def cpu_s(self) -> float:
+        """CPU time that the process has used so far, s; of Linux."""
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / 100
+
+    def page(self, chromium: Any, path: str = "/live-test/run") -> Any:
+        """A new page with the run: of a new user by a browser, of the same user by a browser's context."""
+        page = chromium.new_page()
+        page.add_init_script(_NOTE)
+        page.goto(self.url + path)
+        return page
+
+
+@contextmanager
+def live_console(runs: Path) -> Iterator[LiveConsole]:
+    """A console over the folder `runs`."""
+    port = free_port()
+    command = [sys.executable, "-m", "tests.helpers.live_page", str(runs.absolute()), str(port), "token"]
+    with (runs / "console.log").open("w+") as log:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True, cwd=ROOT)
+        assert process.stdout
+        try:
+            assert process.stdout.readline() == "listening\n", (runs / "console.log").read_text()
+            yield LiveConsole(process, f"http://127.0.0.1:{port}")
+        finally:
+            process.terminate()
+            process.wait(30)
+            process.stdout.close()
+
+
+def now_ms(page: Any) -> float:
+    """Time of the browser, ms."""
+    return float(page.evaluate("Date.now()"))
+
+
+def shown_at_ms(page: Any, element: str, text: str) -> float:
+    """Time of the browser when the page first showed `text` in `element`, ms; waits for it."""
+    handle = page.wait_for_function("key => window.shown[key]", arg=f"{element} {text}", polling=20)
+    return float(handle.json_value())
+
+
+class ApiClient:
+    """Sends requests to an application that runs in the loop of another thread."""
+
+    def __init__(self, console: Console, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._client = httpx.AsyncClient(
+            transport=httpx.ASGITransport(api_app(console)), base_url="http://127.0.0.1:8090"
+        )
+
+    def get(self, path: str, **more: Any) -> httpx.Response:
+        return self.done(self._client.get(path, **more))
+
+    def post(self, path: str, **more: Any) -> httpx.Response:
+        return self.done(self._client.post(path, timeout=60.0, **more))
+
+    def done(self, work: Coroutine[Any, Any, T]) -> T:
+        """The result of `work` in the application's loop."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(60.0)
+
+
+@contextmanager
+def api_client(
+    runs: Path, registry: Callable[[], StepRegistry] = StepRegistry.installed, cell: Path | None = None
+) -> Iterator[ApiClient]:
+    """The API over the folder `runs`; its token is TOKEN."""
+    console = replace(new_console(Settings(runs, cell), TOKEN), live=LiveRuns(runs, registry))
+    loop = asyncio.new_event_loop()
+    end = asyncio.Event()
+
+    async def follow() -> None:
+        async with console.following():
+            await end.wait()
+
+    thread = threading.Thread(target=loop.run_until_complete, args=(follow(),))
+    thread.start()
+    try:
+        yield ApiClient(console, loop)
+    finally:
+        loop.call_soon_threadsafe(end.set)
+        thread.join(60.0)
+        loop.close()

@@ -1,22 +1,74 @@
-"""A family of small steps, fake devices, and an engine that runs a procedure of them."""
+"""A family of small steps, fake devices, an engine that runs a procedure of them, and journals of such runs.
+
+A `WrittenRun` is a journal that a test writes event by event, as an engine would, for what follows it. `Running` is a
+small campaign with a `confirm` step and an interlock, which runs in a thread as another process would run it.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from cellctl.clock import WallClock
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable, Health, Identity, MovingRobot, NoContact
 from cellctl.engine import Engine, Mailbox, Plan, Surround
 from cellctl.engine.status import KnownProcedure
-from cellctl.files import parse_yaml
-from cellctl.journal import Journal, RunStarted, SourceFile, read_journal
+from cellctl.files import parse_yaml, sha256_of
+from cellctl.journal import (
+    Journal,
+    OperatorAction,
+    Outcome,
+    Recorded,
+    RunEnded,
+    RunStarted,
+    Said,
+    SourceFile,
+    StateChanged,
+    StepEnded,
+    StepStarted,
+    fold,
+    read_journal,
+)
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepRegistry, StepResult, read_procedure, step
 from cellctl.records import Row
 
 CALLS: list[str] = []
+
+PROCEDURE = """
+procedure: test
+title: Measure each point
+steps:
+  - {id: plan, do: test.numbers}
+  - id: points
+    title: Measure
+    for_each: ${plan.values}
+    as: number
+    steps:
+      - {id: measure, do: test.double, with: {value: "${number}"}}
+"""
+
+PATIENCE_S = 60.0
+TEXT = """
+procedure: test
+title: a test
+cell: cell.yaml
+interlocks:
+  - {id: door, device: gate, condition: closed}
+steps:
+  - {id: some, do: test.numbers}
+  - {id: clear, confirm: Clear the cell}
+  - id: all
+    for_each: ${some.values}
+    as: number
+    steps:
+      - {id: twice, do: test.double, with: {value: "${number}"}}
+  - {id: wait, do: test.forever}
+"""
 
 
 class Numbers(StepResult):
@@ -213,3 +265,102 @@ LOOP = """
     steps:
       - {id: twice, do: test.double, with: {value: "${number}"}}
 """
+
+
+def registry() -> StepRegistry:
+    """The kinds of steps of these journals."""
+    return StepRegistry(KINDS)
+
+
+class WrittenRun:
+    """A run in `folder` of `points` points whose journal the test writes; it is running after its start."""
+
+    def __init__(self, folder: Path, points: int = 3, calendar: str = "2026-11-22T10:00:00Z") -> None:
+        self.folder, self.points, self._ns = folder, points, 0
+        self.journal = Journal.create(folder, self._now_ns)
+        source = SourceFile("test.yaml", PROCEDURE, "0")
+        cell = SourceFile("cell.yaml", "name: x", "0")
+        self.add(RunStarted(source, cell, {}, 1, "realtime", "maria", calendar, "0", {}, name=folder.name))
+        self.add(StateChanged("connecting", "running"))
+        self.did("plan", {"values": list(range(points))})
+
+    @classmethod
+    def continued(cls, folder: Path) -> Self:
+        """The run in `folder`, written by another process before."""
+        run = cls.__new__(cls)
+        run.folder, run.points, run._ns = folder, 3, 10**10
+        run.reopen()
+        return run
+
+    def _now_ns(self) -> int:
+        self._ns += 100_000_000
+        return self._ns
+
+    def add(self, *events: Any) -> None:
+        """Append events."""
+        for event in events:
+            self.journal.append(event)
+
+    def did(self, step: str, result: Any = None) -> None:
+        """Append a whole step."""
+        self.add(StepStarted(step, 1, False, "test"), StepEnded(step, 1, Outcome.DONE, result))
+
+    def measured(self, index: int) -> None:
+        """Append the step of one point, with its row."""
+        step = f"points[{index}].measure"
+        self.add(StepStarted(step, 1, True, "test.double"))
+        self.add(Recorded("doubled", {"value": 2 * index}, step, 1, 1, True))
+        self.add(StepEnded(step, 1, Outcome.DONE, {"value": 2 * index}))
+
+    def say(self, text: str) -> None:
+        """Append a line for the operator."""
+        self.add(Said(text))
+
+    def paused_by(self, operator: str) -> None:
+        """Append a pause."""
+        self.add(OperatorAction("pause", operator, host="cell-pc", via="cli"))
+        self.add(StateChanged("running", "paused", "by the operator"))
+
+    def judged(self, sentence: str) -> None:
+        """Append a verdict."""
+        self.add(Recorded("verdict", {"verdict": "better", "sentence": sentence}))
+
+    def end(self, state: str = "finished") -> None:
+        """Append the end, and end the process that writes."""
+        self.add(StateChanged("running", "cleaning"), StateChanged("cleaning", state), RunEnded(state))
+        self.journal.close()
+
+    def reopen(self) -> None:
+        """Write on as another process would that resumes the run."""
+        self.journal = Journal.reopen(self.folder, self._now_ns)
+
+    @contextmanager
+    def unsafe(self) -> Iterator[None]:
+        """Inside this context the events are written together: thousands of them in a second."""
+        self.journal._connection.execute("PRAGMA synchronous = OFF")
+        self.journal._connection.execute("BEGIN")
+        yield
+        self.journal._connection.execute("COMMIT")
+
+
+class Running:
+    """A campaign that runs in a thread, as another process would run it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.gate = folder, FakeGate("gate")
+        self.outcome: Any = None
+        self.thread = threading.Thread(target=lambda: asyncio.run(self.run()), daemon=True)
+        self.thread.start()
+
+    async def run(self) -> None:
+        clock = WallClock()
+        procedure = read_procedure(parse_yaml(TEXT, "test.yaml"))
+        surround = Surround(clock, 1, self.folder, parse_yaml("name: x", "c.yaml"), self.folder, {"gate": self.gate})
+        with Journal.create(self.folder, clock.now_ns) as journal:
+            source = SourceFile("test.yaml", TEXT, sha256_of(TEXT))
+            started = journal.append(RunStarted(source, source, {}, 1, "realtime", "me", "now", "", {}))
+            plan = Plan(procedure, {}, StepRegistry(KINDS), {"gate": self.gate})
+            self.outcome = await Engine(plan, surround, journal, Mailbox(), None, fold([started])).run()
+
+    def events(self, kind: type) -> list[Any]:
+        return [entry.event for entry in read_journal(self.folder) if isinstance(entry.event, kind)]

@@ -1,6 +1,7 @@
-"""Journals for the console's scene, made here event by event: touches on spheres, and poses with a tracker.
+"""Journals of runs, made in milliseconds: for the console's scene, of daily checks, and of finished campaigns.
 
-The nominal robot of the touches touches the spheres exactly; joints are found by the tests' own arm.
+The scene's hold touches on spheres, and poses with a tracker. The nominal robot of the touches touches the spheres
+exactly; joints are found by the tests' own arm. Daily checks have ten points and four nests with known noise.
 """
 
 from __future__ import annotations
@@ -13,10 +14,37 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cellctl.journal import Entry, Outcome, Recorded, RunStarted, RunState, SourceFile, StepEnded, StepStarted, fold
+from cellctl.journal import (
+    DevicesConnected,
+    Entry,
+    Journal,
+    Outcome,
+    Recorded,
+    RunEnded,
+    RunStarted,
+    RunState,
+    SourceFile,
+    StateChanged,
+    StepEnded,
+    StepStarted,
+    fold,
+)
+from cellctl.records import Figures, VerdictRow
 from tests.helpers.own_model import Floats, OwnArm, kr5
-from tests.helpers.report_rows import SEARCH
 from tests.helpers.simulated_setups import KR5_SIGNS
+
+SEARCH = {
+    "time_ns": 0,
+    "time_sigma_ns": 0,
+    "tick": 0,
+    "bounces": 0,
+    "stop_cycles": 2,
+    "late": 0,
+    "lost": 0,
+    "skipped": 0,
+    "attempt": 1,
+}
+"""What every contact of a run records of its search."""
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
@@ -25,6 +53,10 @@ TRACKER_CELL = ROOT / "procedures" / "cells" / "tracker_cell.yaml"
 SPHERES = {"S1": (950.0, -350.0, 250.0), "S2": (950.0, 350.0, 250.0), "S3": (1150.0, 0.0, 400.0)}
 REACH = 61.4 / 2 + 0.6
 START = KR5_SIGNS * np.radians([0.0, -70.0, 80.0, 0.0, 60.0, 0.0])
+
+NESTS = np.array([[2000.0, -800.0, 100.0], [2600.0, 900.0, 150.0], [1500.0, 1000.0, 1200.0], [2200.0, -900.0, 1500.0]])
+POINTS = np.random.default_rng(1).uniform([700.0, -600.0, 300.0], [1300.0, 600.0, 1200.0], (10, 3))
+NOISE_MM = 0.02
 
 
 @dataclass
@@ -114,7 +146,6 @@ def residuals_row(
 STATION = np.eye(4)
 STATION[:3, :3], STATION[:3, 3] = Rotation.from_euler("Z", 150.0, degrees=True).as_matrix(), [3390.0, -1190.0, 905.0]
 """The instrument in the robot's base frame, some mm from where the cell file says."""
-
 REFLECTOR = (120.0, 0.0, 80.0)
 """R1 of the shipped cell, in the flange frame, mm."""
 
@@ -164,3 +195,64 @@ def visited_row(number: int, readings: Sequence[float], xyz: Sequence[float]) ->
 def station_row() -> dict[str, Any]:
     """The instrument, found by axes turned."""
     return {"session": "1", "source": "axes turned", "matrix": STATION.tolist()}
+
+
+def check(folder: Path, number: int, *, grown: float = 0.0, state: str = "finished", **other: Any) -> None:
+    """The journal of check `number` in `folder`, by an instrument that stands elsewhere each day.
+
+    grown: relative growth of the robot; other: fields of its points that differ.
+    """
+    rng = np.random.default_rng(number)
+    angle, shift = rng.uniform(-1.0, 1.0), rng.uniform(-500.0, 500.0, 3)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    middle = POINTS.mean(axis=0)
+    seen = middle + (1.0 + grown) * (POINTS - middle) + rng.normal(0.0, NOISE_MM, POINTS.shape)
+    day = {
+        "baseline": "first",
+        "robot": "925185",
+        "payload_kg": 5.0,
+        "accuracy": "tdra6000",
+        "commanded": [[0.0] * 6] * len(POINTS),
+        "points": (seen @ turn.T + shift).tolist(),
+        "nest_names": ["N1", "N2", "N3", "N4"],
+        "nests": (NESTS @ turn.T + shift).tolist(),
+        "spread": [(1e-6 * np.eye(3)).tolist()] * 4,
+        **other,
+    }
+    verdict = {"verdict": "in control", "sentence": "As in the baseline.", "daily": {"baseline_needed": 20, "t2": 3.5}}
+    source, began = (
+        SourceFile("daily_check.yaml", "", ""),
+        f"2026-{1 + number // 28:02d}-{1 + number % 28:02d}T08:00:00Z",
+    )
+    day = {name: each for name, each in day.items() if each is not None}
+    with Journal.create(folder / f"check-{number:02d}", lambda: 0) as journal:
+        journal.append(
+            RunStarted(source, source, {}, 1, "lockstep", "me", began, "", {}, section=("daily", "accuracy"))
+        )
+        journal.append(Recorded("daily points", {"day": day}))
+        journal.append(Recorded("verdict", verdict))
+        journal.append(StateChanged("running", state, ""))
+
+
+def run_in(
+    folder: Path,
+    name: str,
+    day: str,
+    serial: str,
+    verdict: str = "better",
+    procedure: str = "sphere",
+    cell: str = "hall7",
+) -> Path:
+    """The folder of a finished run of `procedure` on a robot, begun at 8:00 of `day`."""
+    source, place = SourceFile(f"procedures/{procedure}.yaml", "", ""), SourceFile(f"{cell}.yaml", "", "")
+    with Journal.create(folder / name, lambda: 0) as journal:
+        journal.append(
+            RunStarted(source, place, {}, 1, "lockstep", "Kim", f"{day}T08:00:00Z", "", {}, name=name, section=())
+        )
+        identity = {"serial": serial, "model": "KR5 R1400", "firmware": "8.6", "simulated": serial.startswith("SIM-")}
+        journal.append(DevicesConnected({"robot": identity}))
+        figures = Figures(1.0, 1.1, 2.0)
+        journal.append(Recorded.of(VerdictRow(verdict, "Error at held-out targets.", figures, figures), "", 1))
+        journal.append(StateChanged("running", "finished"))
+        journal.append(RunEnded("finished", verdict))
+    return folder / name

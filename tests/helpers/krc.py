@@ -1,26 +1,35 @@
-"""An RSI line with everything that may go wrong on it: a controller that holds set-points as RSI does, the driver's
-responder, and between them delays, losses both ways, duplicates, foreign senders and counts that are off.
+"""A robot controller for tests of its driver, written apart from the driver and from the simulator.
 
-The controller is written apart from the driver and from the simulator.
+`FaultyLine` is an RSI line with everything that may go wrong on it: a controller that holds set-points as RSI does, the
+driver's responder, and between them delays, losses both ways, duplicates, foreign senders and counts that are off.
+`ControllerTables` are written by hand from docs/reference/eki-channel.md: what a driver's pushes meet. `CutLine` is the
+controller's end of the transfer channel with tables behind it, which may hang up at any byte. `wavy_model` makes
+correction models for tests of the process that applies them.
 """
 
 from __future__ import annotations
 
+import asyncio
 import math
 import os
 import re
+import zlib
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
+from cellctl.clock import WallClock
 from drivers.kuka_rsi.cyclic.responder import ControllerLine, Responder
 from drivers.kuka_rsi.cyclic.session import CyclicTask, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock, Slot
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
+from drivers.kuka_rsi.eki.channel import EkiChannel
+from drivers.kuka_rsi.eki.tables import TableChannel
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 TIMEOUT = 100
@@ -28,6 +37,17 @@ CONTROLLER = "192.168.10.1"
 ROUNDING = 3e-6
 SERVO_S = 0.024
 TEMPLATE = '<Sen><AK A="{0:.6f} {1:.6f} {2:.6f} {3:.6f} {4:.6f} {5:.6f}"/><Stop>{6:d}</Stop><IPOC>{7}</IPOC></Sen>'
+
+Row = tuple[str, ...]
+"""A row as it came: number, six nominal, six compensated, each as text."""
+
+COMMAND = re.compile(rb'<Cmd Id="(\d+)" Op="(\w+)">(.*?)</Cmd>', re.DOTALL)
+NEVER = 1 << 30
+
+AXES = 6
+LINKS = ((675.0, 350.0, -90.0), (0.0, 1150.0, 0.0), (0.0, 41.0, 90.0), (1000.0, 0.0, 90.0), (0.0, 0.0, 90.0))
+"""d, a, alpha of a heavy robot, joint by joint; the flange lies 240 mm along the last axis."""
+Matrix = list[list[float]]
 
 
 @dataclass(frozen=True)
@@ -238,3 +258,227 @@ class FaultyLine(RuleBasedStateMachine):
         """Within the tolerance, if it is not the second in a row."""
         self.spell(cycles, Weather(asleep=True) if asleep else Weather(answer_lost=True))
         self.spell(then, Weather())
+
+
+@dataclass
+class Kept:
+    """A table on the controller: `rows` it is to have, `sum` announced, `lines` arrived."""
+
+    id: str
+    rows: int
+    sum: str
+    lines: list[Row] = field(default_factory=list)
+
+
+@dataclass
+class ControllerTables:
+    """Takes the table commands and answers as the reference says; `tampered` spoils what is read back."""
+
+    serial: str = "SIM-000007"
+    active: Kept | None = None
+    previous: Kept | None = None
+    staged: Kept | None = None
+    operations: list[str] = field(default_factory=list)
+    tampered: dict[str, str] = field(default_factory=dict)
+    forgets_before: str = ""
+    blocks: list[int] = field(default_factory=list)
+
+    def answer(self, operation: str, document: str) -> tuple[int, str]:
+        """Code and further content of the reply."""
+        self.operations.append(operation)
+        if operation == self.forgets_before:
+            self.staged = None
+        handler = getattr(self, f"_{operation.lower()}")
+        return handler(document)
+
+    def _tstage(self, document: str) -> tuple[int, str]:
+        head = _attributes(document, "Table")
+        if head["Serial"] != self.serial:
+            return 40, ""
+        if not 0 < int(head["Rows"]) <= 500:
+            return 43, ""
+        self.staged = Kept(head["Id"], int(head["Rows"]), head["Sum"])
+        return 0, ""
+
+    def _tblock(self, document: str) -> tuple[int, str]:
+        if self.staged is None:
+            return 42, ""
+        head, rows = _attributes(document, "Block"), _rows(document)
+        self.blocks.append(len(rows))
+        if int(head["First"]) != len(self.staged.lines) + 1 or not 0 < len(rows) == int(head["Count"]) <= 10:
+            return 42, ""
+        if _sum(rows) != head["Sum"]:
+            return 41, ""
+        self.staged.lines += rows
+        return 0, ""
+
+    def _tread(self, document: str) -> tuple[int, str]:
+        table = self.staged or self.active
+        if table is None:
+            return 42, ""
+        head = _attributes(document, "Block")
+        first, count = int(head["First"]), int(head["Count"])
+        rows = table.lines[first - 1 : first - 1 + count]
+        text = f'<Block First="{first}" Count="{len(rows)}" Sum="{_sum(rows)}"/>' + "".join(map(_element, rows))
+        for old, new in self.tampered.items():
+            text = text.replace(old, new)
+        return 0, text
+
+    def _tactivate(self, document: str) -> tuple[int, str]:
+        asked = _attributes(document, "Table")
+        if self.staged is None:
+            return (0 if self.active and self.active.id == asked["Id"] else 42), ""
+        if len(self.staged.lines) != self.staged.rows:
+            return 42, ""
+        if asked["Id"] != self.staged.id or not asked["Sum"] == self.staged.sum == _sum(self.staged.lines):
+            return 41, ""
+        self.active, self.previous, self.staged = self.staged, self.active, None
+        return 0, ""
+
+    def _trollback(self, _: str) -> tuple[int, str]:
+        if self.active is None and self.previous is None:
+            return 42, ""
+        self.active, self.previous = self.previous, self.active
+        return 0, ""
+
+    def _tstate(self, _: str) -> tuple[int, str]:
+        kept = {"Active": self.active, "Previous": self.previous}
+        text = "".join(
+            f'<{tag} Id="{table.id}" Rows="{table.rows}" Sum="{_sum(table.lines)}"/>'
+            for tag, table in kept.items()
+            if table
+        )
+        if self.staged:
+            text += f'<Staged Id="{self.staged.id}" Rows="{self.staged.rows}" Taken="{len(self.staged.lines)}"/>'
+        return 0, text
+
+
+def _attributes(document: str, tag: str) -> dict[str, str]:
+    found = re.search(rf"<{tag} ([^>]*)/>", document)
+    assert found, f"no <{tag}> in {document}"
+    return dict(re.findall(r'(\w+)="([^"]*)"', found[1]))
+
+
+def _rows(document: str) -> list[Row]:
+    return [
+        (number, *re.findall(r'A[1-6]="([^"]*)"', body))
+        for number, body in re.findall(r'<R N="(\d+)">(.*?)</R>', document)
+    ]
+
+
+def _sum(rows: list[Row]) -> str:
+    text = "".join(";".join(row) + "\n" for row in rows)
+    return f"{zlib.crc32(text.encode()):08X}"
+
+
+def _element(row: Row) -> str:
+    def joints(tag: str, values: Row) -> str:
+        return f"<{tag} " + " ".join(f'A{i}="{value}"' for i, value in enumerate(values, 1)) + "/>"
+
+    return f'<R N="{row[0]}">{joints("Q", row[1:7])}{joints("C", row[7:])}</R>'
+
+
+@dataclass
+class CutLine:
+    """A controller's end of the channel that hangs up after `hears` bytes received or `says` bytes sent, or in place of
+    answering the operation `deaf`.
+
+    `heard_before`, `said_before`: per operation, bytes heard and said before its first command.
+    """
+
+    tables: ControllerTables
+    hears: int = NEVER
+    says: int = NEVER
+    deaf: str = ""
+
+    def __post_init__(self) -> None:
+        self.heard = self.said = 0
+        self.heard_before: dict[str, int] = {}
+        self.said_before: dict[str, int] = {}
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        text = b""
+        while self.heard < self.hears and self.said < self.says:
+            data = await reader.read(min(4096, self.hears - self.heard))
+            if not data:
+                break
+            self.heard += len(data)
+            text += data
+            while (match := COMMAND.match(text)) and self.said < self.says:
+                text = text[match.end() :]
+                self._do(match, self.heard - len(text) - len(match[0]), writer)
+        writer.close()
+
+    def _do(self, command: re.Match[bytes], heard_before: int, writer: asyncio.StreamWriter) -> None:
+        operation = command[2].decode()
+        self.heard_before.setdefault(operation, heard_before)
+        self.said_before.setdefault(operation, self.said)
+        code, more = self.tables.answer(operation, command[3].decode())
+        if operation == self.deaf:
+            self.says = self.said
+        reply = f'<Rep Id="{command[1].decode()}" Code="{code}" Text="">{more}</Rep>'.encode()
+        reply = reply[: self.says - self.said]
+        self.said += len(reply)
+        writer.write(reply)
+
+
+@asynccontextmanager
+async def channel_to(line: CutLine) -> AsyncIterator[TableChannel]:
+    server = await asyncio.start_server(line.serve, "127.0.0.1", 0)
+    eki = EkiChannel("robot", server.sockets[0].getsockname()[:2], WallClock())
+    try:
+        await eki.open()
+        yield TableChannel("robot", eki, line.tables.serial)
+    finally:
+        await eki.close()
+        server.close()
+        await server.wait_closed()
+
+
+def wavy_model(size: float, fade_deg: float = 2.0, span_deg: float = 120.0) -> dict[str, list[float]]:
+    """A robot with errors of links, weight, gears and field; size 1: some millimetres. Measured from −span to span."""
+    links = [_step(*link) for link in LINKS]
+    errors = [(0.3 * size, 0.4 * size, 0.03 * size), (0.0, -0.5 * size, 0.02 * size), *[(0.1 * size,) * 3] * 3]
+    true = [_step(d + x, a + y, alpha + z / 3) for (d, a, alpha), (x, y, z) in zip(LINKS, errors, strict=True)]
+    flange = _step(240.0, 0.0, 0.0)
+    identity = _step(0.0, 0.0, 0.0)
+    node = [0.1 * j - 0.2 for j in range(AXES)]
+    return {
+        "sign": [1.0] * AXES,
+        "offset": [0.0] * AXES,
+        "base": _flat(identity),
+        "links": _all([identity, *links, flange]),
+        "tool": _flat(_step(300.0, -200.0, 0.0)),
+        "identified": _all([identity, *true, _step(540.0, -200.0 + 0.2 * size, 0.0)]),
+        "identified_base": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "down": [0.0, 0.0, -1.0],
+        "weight": [2e-4 * size] * (2 * AXES * AXES),
+        "load": [1e-6 * size] * AXES,
+        "load_place": [-50.0, 0.0, 200.0],
+        "bend": [0.1 * size],
+        "stretch": [0.0] * (AXES + 1),
+        "wave_joint": [0.0, 1.0, 2.0],
+        "wave_order": [1.0, 2.0, 17.0],
+        "wave_sine": [2e-4 * size] * 3,
+        "wave_cosine": [1e-4 * size] * 3,
+        "node_place": node,
+        "node_scale": [1.0] * AXES,
+        "node_weight": [0.3 * size, -0.2 * size, 0.1 * size],
+        "lower": [-span_deg] * AXES,
+        "upper": [span_deg] * AXES,
+        "fade": [fade_deg],
+    }
+
+
+def _step(d: float, a: float, alpha_deg: float) -> Matrix:
+    """Tz(d) Tx(a) Rx(alpha)."""
+    c, s = math.cos(math.radians(alpha_deg)), math.sin(math.radians(alpha_deg))
+    return [[1.0, 0.0, 0.0, a], [0.0, c, -s, 0.0], [0.0, s, c, d], [0.0, 0.0, 0.0, 1.0]]
+
+
+def _flat(matrix: Matrix) -> list[float]:
+    return [value for row in matrix for value in row]
+
+
+def _all(matrices: list[Matrix]) -> list[float]:
+    return [value for matrix in matrices for value in _flat(matrix)]

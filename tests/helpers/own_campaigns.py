@@ -1,7 +1,7 @@
 """A robot of the tests' own, measured in every way there is, and what cellctl makes of that; mm and rad.
 
 The robot is a KR5 with errors from the prior, its tool somewhere near where it was taught, at a place that nobody
-knows. Truth and measurements are `own_arm`'s; `Campaign` hands them on as rows, and `shape_error` judges a model.
+knows. Truth and measurements are `own_model`'s; `Campaign` hands them on as rows, and `shape_error` judges a model.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
-"""Fits of simulated robots, with all that a report is made from."""
+"""Fits of simulated robots with all that a report is made from, and an HTML page as a test reads it."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +31,8 @@ REGION = np.array([[-40, -95, 55, -70, 20, -90], [40, -45, 105, 70, 85, 90]], fl
 CENTRES = np.array([[950.0, -350.0, 250.0], [950.0, 350.0, 250.0], [1150.0, 0.0, 400.0]])
 REACH, SIGMA = 31.3, 0.03
 INSTRUMENT = pose_from_xyz_abc([1500.0, -800.0, 300.0], [40.0, 3.0, -2.0])
+
+VOID = {"meta", "br", "img", "link", "input", "hr"}
 
 
 def truth(robot: RobotFile = KR5, errors=ERRORS):
@@ -140,3 +144,38 @@ def sessions(count: int):
     second = replace(positions(count, 5, place=moved), session=1)
     blocks = [touches(count, 3), second]
     return pointed(blocks, sessions=(Session("cell"), Session("tracker", frozenset({"base", "tool"}))))
+
+
+class Page(HTMLParser):
+    """Texts, ids, and what is fetched; fails where tags do not match."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.ids, self.fetched, self.tags, self.open, self.texts = [], [], set(), [], []
+        self.feed(text)
+        assert not self.open, f"left open: {self.open}"
+
+    def handle_starttag(self, tag, attributes):
+        self.handle_startendtag(tag, attributes)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.tags.add(tag)
+        for name, value in attributes:
+            if name == "id":
+                self.ids.append(value)
+            if name in ("src", "href", "xlink:href", "action", "data") and not value.startswith("#"):
+                self.fetched.append(value)
+
+    def handle_endtag(self, tag):
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] != "style":
+            self.texts.append(data)
+
+    @property
+    def text(self):
+        return re.sub(r"\s+", " ", " ".join(self.texts))

@@ -1,15 +1,21 @@
-"""Campaigns on a simulated cell, as the command line runs them, with a look at the controller after the end."""
+"""Campaigns on a simulated cell, as the command line runs them, with a look at the controller after the end.
+
+`shared_campaign` runs the shipped sphere campaign once for all workers of a test session, for tests that look at its
+end. `child` is a child process of a test, which ends with it.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import fcntl
 import json
+import os
 import re
 import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,13 +32,10 @@ from cellctl.operations.launch import Options, run_on
 ROOT = Path(__file__).parents[2]
 SELFCAL = ROOT / "procedures" / "sphere_selfcal.yaml"
 CELL = ROOT / "procedures" / "cells" / "sphere_cell.yaml"
-
 PATIENCE_S = 800.0
 """Wall time after which a process is taken to hang: long, for a machine may be busy, and less than a test may take."""
-
 UNHURRIED = "  rsi: {timeout_cycles: 1000000}\n"
 """For a cell's `simulate:` section: the controller counts late answers and never stops for them."""
-
 TOUCHES = """
 procedure: touches
 title: Some touches, nothing identified
@@ -53,6 +56,8 @@ steps:
 cleanup:
   - {id: hold, do: robot.stop, timeout: 15}
 """
+
+SEED = 1
 
 
 def confirmed_touches(folder: Path, fit: int = 8) -> Path:
@@ -214,3 +219,59 @@ def busy_machine(processes: int = 2) -> Iterator[None]:
         for process in spin:
             process.kill()
             process.wait()
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A whole campaign as the command line ran it: its result and its run folder. Not to be changed: others read it."""
+
+    result: dict[str, Any]
+    run: Path
+
+    @property
+    def journal(self) -> RunState:
+        return fold(read_journal(self.run))
+
+    @property
+    def truth(self) -> list[dict[str, Any]]:
+        """The simulator's truth of every contact."""
+        return [json.loads(line) for line in (self.run.parent / "truth.jsonl").read_text().splitlines()]
+
+
+def campaign(seed: int, folder: Path, *more: str | Path) -> Whole:
+    """The shipped campaign on the robot of that seed, which ends better than nominal."""
+    truth = ("--simulator=--truth-log", f"--simulator={folder / 'truth.jsonl'}")
+    result = folder / "result.json"
+    done = cellctl("run", SELFCAL, "--seed", str(seed), "--runs", folder, "--json", result, *truth, *more)
+    assert done.returncode == 0, done.stderr
+    return _read(folder)
+
+
+def shared_campaign(factory: pytest.TempPathFactory) -> Whole:
+    """The campaign of SEED: the first test that asks runs it, those of other workers wait for it."""
+    session = factory.getbasetemp()
+    session = session.parent if "PYTEST_XDIST_WORKER" in os.environ else session
+    folder = session / "shared_campaign"
+    with (session / "shared_campaign.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "ended").exists():
+            folder.mkdir(exist_ok=True)
+            campaign(SEED, folder)
+            (folder / "ended").touch()
+        return _read(folder)
+
+
+def _read(folder: Path) -> Whole:
+    result = json.loads((folder / "result.json").read_text())
+    return Whole(result, folder / result["run"])
+
+
+@contextmanager
+def child(command: Sequence[str | Path], **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """A `Popen` of `command`, killed where the block leaves it running: the `with` of a Popen would wait for its end,
+    so a test that failed would hang, with an engine and its simulators at full load."""
+    with subprocess.Popen(command, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()

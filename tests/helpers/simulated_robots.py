@@ -1,25 +1,42 @@
-"""Paths of a controller's own program under on-line correction: how far the true TCP is from the nominal path.
+"""A simulated cell's robot as the engine opens it: with drives on a CAN bus, and under on-line correction.
 
-The task of the RSI process answers the simulated controller's telegrams in this process; its time stands still
-meanwhile, so that the World tells where the TCP truly is at every telegram.
+`true_places` tells where the correction brings the TCP. `there_and_back` is what an engine does in tests of faults in
+mid-correction. A `WatchedCell` runs in a thread of the test and keeps the true joints of every cycle.
+
+A `TcpPath` is a path of the controller's own program: how far is the true TCP from the nominal path? The task of the
+RSI process answers the simulated controller's telegrams in this process; its time stands still meanwhile, so that the
+World tells where the TCP truly is at every telegram.
 """
 
 from __future__ import annotations
 
 import csv
+import itertools
+import json
 import os
 import select
-from dataclasses import dataclass
+import threading
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any, final
+from unittest.mock import patch
 
 import numpy as np
 
 import cellctl
+import sims.running
+from cellctl.clock import Clock
+from cellctl.devices import CorrectionModel, Device
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
 from cellctl.formats import ModelFile
 from cellctl.formats.online import CorrectionFile
 from cellctl.formats.table_making import nominal_chain
 from cellctl.kinematics import Floats, inverse
+from cellctl.operations.cell_devices import SimulatedCell, open_devices, tell_targets
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.online_block import pack
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
@@ -27,8 +44,27 @@ from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 from drivers.kuka_rsi.cyclic.session import Admission, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.telegram import read_telegram
-from tests.helpers.corrected_cells import HEAVY_CELL, true_places, true_world
+from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
+from sims.cell import read_cell
+from sims.running import RunningCell
+from sims.world import World
+from tests.helpers.krc import wavy_model
 from tests.helpers.runs import ROOT
+
+CELLS = Path(__file__).parents[2] / "procedures" / "cells"
+HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
+ROBOT = f"kuka+rsi://192.168.10.2:49152?ethernet={CELLS}/rsi_ethernet.xml&eki=172.31.1.147:54600"
+DRIVES = "canopen+socketcan://can0?bitrate=1000000&nodes=1,2,3,4,5,6"
+
+HEAVY_CELL = ROOT / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"
+
+MODEL = CorrectionModel("m1", {name: tuple(values) for name, values in wavy_model(0.5, span_deg=170.0).items()})
+HERE, THERE = (5.0, -65.0, 95.0, 5.0, 65.0, 5.0), (15.0, -60.0, 90.0, 15.0, 75.0, -15.0)
+PERCENT = 4.0
+
+CYCLE_NS = 4_000_000
+PATIENCE_S = 60.0
+_STANDS_CYCLES = 75
 
 STEP_MS = 12
 LIMITS = OnlineLimits(online_correction_deg=1.5)
@@ -36,6 +72,205 @@ _ACCELERATION_MM_S2 = 1000.0
 _CENTRE = np.array([2000.0, 200.0, 0.0])
 _ROBOT = ROOT / "procedures" / "papers" / "robots" / "kr300_with_end_effector.yaml"
 _POSES = ROOT / "procedures" / "papers" / "targets" / "heavy_robot.csv"
+
+
+@dataclass(frozen=True)
+class DriveCell:
+    """A running cell; no device is connected yet."""
+
+    devices: dict[str, Device]
+    clock: Clock
+    simulated: SimulatedCell
+
+    @property
+    def drives(self) -> Any:
+        return self.devices["drives"]
+
+    @property
+    def robot(self) -> Any:
+        return self.devices["robot"]
+
+    async def connect(self) -> None:
+        for device in self.devices.values():
+            await device.connect()
+        await tell_targets(self.simulated, self.devices, self.clock)
+
+    async def fault(self, name: str, **settings: float) -> None:
+        """Start a fault now."""
+        with self.clock.standing():
+            await self.simulated.tell({"op": "fault", "fault": name, **settings})
+
+
+def cell_file(folder: Path, simulate: dict[str, Any] | None = None, devices: dict[str, str] | None = None) -> Path:
+    path = folder / "drive_cell.yaml"
+    content = {
+        "name": "drive cell",
+        "model": str(CELLS.parent / "robots/kr5_r1400.yaml"),
+        "devices": devices or {"robot": ROBOT, "drives": DRIVES},
+        "postures": {"home": list(HOME)},
+        "simulate": simulate or {},
+    }
+    path.write_text(json.dumps(content))
+    return path
+
+
+@asynccontextmanager
+async def drive_cell(path: Path) -> AsyncIterator[DriveCell]:
+    registry = DriverRegistry()
+    cell = Cell.load(path, registry)
+    async with AsyncExitStack() as stack:
+        simulated = await SimulatedCell.start(cell, None, None)
+        stack.callback(simulated.stop)
+        clock = await simulated.clock()
+        stack.push_async_callback(clock.aclose)
+        devices = open_devices(cell, registry, clock, simulated)
+        for device in devices.values():
+            stack.push_async_callback(device.close)
+        yield DriveCell(devices, clock, simulated)
+
+
+@final
+@dataclass(frozen=True)
+class Bench:
+    """The robot's driver, connected; the simulators; the cell's time."""
+
+    robot: KukaRobot
+    simulated: SimulatedCell
+    clock: Clock
+
+    async def keep(self, number: int, every_ms: int, joints: Sequence[Sequence[float]]) -> None:
+        """Write a program of its own onto the controller."""
+        steps = [list(map(float, row)) for row in joints]
+        message = {"op": "own_program", "device": "robot", "number": number, "every_ms": every_ms, "joints": steps}
+        with self.clock.standing():
+            await self.simulated.tell(message)
+
+
+@asynccontextmanager
+async def simulated_robot(cell_file: Path, seed: int = 1, clock: str | None = None) -> AsyncIterator[Bench]:
+    """The robot of a cell file, connected to its simulators."""
+    simulated = await SimulatedCell.start(Cell.load(cell_file, DriverRegistry()), seed, clock, ())
+    try:
+        async with robot_of(cell_file, simulated) as bench:
+            yield bench
+    finally:
+        simulated.stop()
+
+
+@asynccontextmanager
+async def robot_of(cell_file: Path, simulated: SimulatedCell) -> AsyncIterator[Bench]:
+    """The robot of a cell file, connected to simulators that run already."""
+    cell, time = Cell.load(cell_file, DriverRegistry()), await simulated.clock()
+    devices = open_devices(cell, DriverRegistry(), time, simulated, ["robot"])
+    robot = devices["robot"]
+    assert isinstance(robot, KukaRobot)
+    try:
+        await robot.connect()
+        await tell_targets(simulated, devices, time)
+        yield Bench(robot, simulated, time)
+    finally:
+        await robot.close()
+        await time.aclose()
+
+
+def correction_model(file: CorrectionFile) -> CorrectionModel:
+    """As a driver takes it."""
+    return CorrectionModel(file.id, {name: tuple(values) for name, values in file.arrays.items()})
+
+
+def true_world(cell_file: Path, seed: int) -> World:
+    """The simulated robot of a cell and seed."""
+    cell = read_cell(cell_file)
+    return World(replace(cell, simulate=replace(cell.simulate, seed=seed)), seed)
+
+
+def true_places(world: World, joints: Sequence[Sequence[float]]) -> Floats:
+    """The TCP (N, 3), mm, in the robot's base frame, at actual readings (N, n), deg, without scatter."""
+    return np.array([world.tcp(list(row), (0.0, 0.0, 0.0)) for row in joints])
+
+
+async def corrected_from_here(robot: KukaRobot) -> None:
+    """Bring it to HERE, and switch the correction on."""
+    await robot.move(HERE, 50)
+    await robot.correction_on(MODEL)
+
+
+async def there_and_back(robot: KukaRobot) -> None:
+    """Until something stops it."""
+    for target in (THERE, HERE) * 20:
+        await robot.move(target, PERCENT)
+
+
+@final
+class WatchedCell:
+    """`joints`: the robot's true joints, deg, one row each `CYCLE_NS` of the cell's time."""
+
+    def __init__(self, cell_file: Path) -> None:
+        scenes: list[Any] = []
+
+        def keep(*arguments: Any, **named: Any) -> Any:
+            scenes.append(_SCENE(*arguments, **named))
+            return scenes[-1]
+
+        with patch.object(sims.running, "Scene", keep):
+            self.cell = RunningCell(read_cell(cell_file), wait_for_host=True)
+        (self._scene,) = scenes
+        self.joints: list[tuple[float, ...]] = []
+        self._keep()
+        self._thread = threading.Thread(target=self.cell.run, daemon=True)
+        self._thread.start()
+
+    def seen_from(self) -> SimulatedCell:
+        """As the drivers of a cell address it."""
+        return SimulatedCell(None, None, self.cell.ready)  # type: ignore[arg-type] - no process of its own
+
+    def let_pass(self, seconds: float) -> None:
+        """Until so much of the cell's time has gone by."""
+        passed = threading.Event()
+        self.cell.kernel.at(self.cell.kernel.now + round(seconds * 1e9), passed.set)
+        assert passed.wait(PATIENCE_S)
+
+    def close(self) -> None:
+        self.cell.kernel.stop()
+        self._thread.join(PATIENCE_S)
+        assert not self._thread.is_alive()
+        self.cell.close()
+
+    def largest_step(self) -> float:
+        """Of any axis from one cycle to the next, deg."""
+        pairs = itertools.pairwise(self.joints)
+        return max(abs(b - a) for before, after in pairs for a, b in zip(before, after, strict=True))
+
+    def held(self) -> bool:
+        """Whether the robot has stood for the last 0.3 s."""
+        last = self.joints[-_STANDS_CYCLES:]
+        return len(set(last)) == 1
+
+    def _keep(self) -> None:
+        kernel = self.cell.kernel
+        self.joints.append(tuple(self._scene.arm.joints_at(kernel.now)[0]))
+        kernel.at(kernel.now + CYCLE_NS, self._keep)
+
+
+_SCENE = sims.running.Scene
+
+
+@contextmanager
+def watched_cell(cell_file: Path) -> Iterator[WatchedCell]:
+    """The simulators of a cell file in lockstep."""
+    watched = WatchedCell(cell_file)
+    try:
+        yield watched
+    finally:
+        watched.close()
+
+
+@asynccontextmanager
+async def watched_robot(cell_file: Path) -> AsyncIterator[tuple[Bench, WatchedCell]]:
+    """The robot of a cell file, connected to simulators that are watched."""
+    with watched_cell(cell_file) as watched:
+        async with robot_of(cell_file, watched.seen_from()) as bench:
+            yield bench, watched
 
 
 @cache
@@ -71,14 +306,14 @@ def outline(shape: str) -> Floats:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Path:
+class TcpPath:
     """A path: joints (N, 6), deg, in steps of `STEP_MS`, and the nominal TCP along it (M, 3), mm, model's frame."""
 
     joints: Floats
     places: Floats
 
     @classmethod
-    def of(cls, shape: str, speed_mm_s: float, model: ModelFile) -> Path:
+    def of(cls, shape: str, speed_mm_s: float, model: ModelFile) -> TcpPath:
         """At a speed, from standstill to standstill, in the y–z plane before the robot, the orientation held."""
         chain, joints = nominal_chain(model), model.robot.joint_map()
         poses = joints.model(_poses())
@@ -121,7 +356,7 @@ class Travelled:
     programmed: Floats
     joints: Floats
 
-    def deviation(self, path: Path) -> Floats:
+    def deviation(self, path: TcpPath) -> Floats:
         """Distance (N,) of the true TCP from the nominal path, mm."""
         start, along = path.places[:-1], np.diff(path.places, axis=0)
         keep = np.linalg.norm(along, axis=1) > 1e-6
@@ -155,7 +390,7 @@ def lag_of(way: Travelled, model: ModelFile) -> Lag:
     return Lag(1000.0 * delays[best], float(np.linalg.norm(ends[0] - ends[1], axis=1).max()))
 
 
-def travel(pc: Any, path: Path, model: ModelFile, *, corrected: bool) -> Travelled:
+def travel(pc: Any, path: TcpPath, model: ModelFile, *, corrected: bool) -> Travelled:
     """Run `path` as the own program of the controller on the bench `pc`, RSI on, with the correction or with none."""
     pc.krc.take_program({"number": 1, "every_ms": STEP_MS, "joints": path.joints.tolist()})
     assert pc.ptp(path.joints[0], 50.0)[1] == 0

@@ -1,6 +1,8 @@
-"""A tracker cell without wires: robot, instrument, PLC and drives as Python objects, in a time that leaps.
+"""Steps without wires: what a step sees of a run, rows of the sphere campaign, and a tracker cell of fake devices.
 
-The robot is `own_arm`'s KR5 with errors, its reflectors and the instrument somewhat off the places of the cell file.
+`Context` has rows that all count, what the step said, and who the devices are. Rows have what a test cares about; all
+else is plausible. The tracker cell has robot, instrument, PLC and drives as Python objects, in a time that leaps. Its
+robot is `own_model`'s KR5 with errors, its reflectors and the instrument somewhat off the places of the cell file.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cellctl.clock import Clock
+from cellctl.clock import Clock, WallClock
 from cellctl.devices import (
     ControllerTable,
     DeviceRefused,
@@ -35,16 +37,117 @@ from cellctl.devices import (
     Weather,
 )
 from cellctl.engine import Engine, Mailbox, Outcome, Plan, Surround
-from cellctl.files import load_yaml
+from cellctl.files import load_yaml, write_atomically
 from cellctl.formats.cell_sections import reflectors_of, station_of
 from cellctl.journal import Journal, RunResumed, RunStarted, RunState, SourceFile, fold, read_journal
 from cellctl.procedure import StepRegistry, load_procedure, section_of
+from cellctl.records import Figures, Row
+from procedures.steps.sphere.rows import (
+    DriftFigures,
+    ReferenceRow,
+    SphereVerdict,
+    StandOffRow,
+    StopFigures,
+    TouchRow,
+)
 from tests.helpers.own_model import Floats, OwnArm, kr5, pose_of
 from tests.helpers.simulated_setups import KR5_SIGNS, erroneous
+
+CONTACT: dict[str, Any] = {
+    "number": 0,
+    "sphere": "S1",
+    "resting": (0.1,) * 6,
+    "time_ns": 1,
+    "time_sigma_ns": 1,
+    "tick": 1,
+    "bounces": 0,
+    "stop_cycles": 2,
+    "late": 0,
+    "lost": 0,
+    "skipped": 0,
+    "attempt": 1,
+}
+STANDOFF: dict[str, Any] = {
+    **CONTACT,
+    "row": None,
+    **dict.fromkeys(("nominal", "commanded", "at_target", "at_contact"), (0.1,) * 6),
+    "normal": (0.0, 0.0, 1.0),
+    "travel_mm": 10.0,
+}
+HELD_OUT_SENTENCE = (
+    "Error of held-out touches: 0.700 mm before, 0.030 mm after (mean of 30; max 2.000, 0.100 mm). Better than nominal."
+)
+VERDICT: dict[str, Any] = {
+    "verdict": "better",
+    "sentence": HELD_OUT_SENTENCE,
+    "before": Figures(0.7, 0.9, 2.0),
+    "after": Figures(0.03, 0.04, 0.1),
+    "model": {"n_fit": 50},
+    "drift": DriftFigures(1, 0.0, 0.01, 0.0, False, 0.0, False),
+    "stops": StopFigures(0.17, 0.19, 2, 0, 0, 0),
+    "noise_scale": 1.25,
+}
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"
 CELL = PROCEDURES / "cells" / "tracker_cell.yaml"
 ROBOT = PROCEDURES / "robots" / "kr5_r1400.yaml"
+
+
+@dataclass
+class Context:
+    """A step's view of a run in which every row counts."""
+
+    rows: list[Row] = field(default_factory=list)
+    run_folder: Path = Path()
+    robot: Any = None
+    serial: str = "SIM-1"
+    run_name: str = "run"
+    operator: str = "Ada"
+    robot_file: Path = Path()
+    cell: Any = None
+    said: list[str] = field(default_factory=list)
+    clock: Clock = field(default_factory=WallClock)
+
+    def device(self, name: str) -> Any:
+        return self.robot
+
+    def identity(self, name: str) -> Identity:
+        return Identity(name, self.serial, "KR5", "KSS", self.serial.startswith("SIM-"))
+
+    async def record(self, row: Row) -> None:
+        self.rows.append(row)
+
+    async def write_artefact(self, name: str, content: str) -> None:
+        write_atomically(self.run_folder / name, content)
+
+    def artefact(self, name: str) -> Path:
+        return self.run_folder / name
+
+    def recorded(self, *kinds: type[Row]) -> list[Any]:
+        of = {kind.KIND: kind for kind in kinds}
+        return [of[row.KIND].read(row.data()) for row in self.rows if row.KIND in of]
+
+    all_recorded = recorded
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+
+def touch(**fields: Any) -> TouchRow:
+    return TouchRow(**{**CONTACT, "set": "fit", "joints": (0.1,) * 6, **fields})
+
+
+def reference(shift_mm: float, sigma_mm: float) -> ReferenceRow:
+    row = touch(set="reference").data()
+    return ReferenceRow(**row, repeats=0, after_touch=1, shift_mm=shift_mm, sigma_mm=sigma_mm)
+
+
+def standoff(**fields: Any) -> StandOffRow:
+    return StandOffRow(**{**STANDOFF, **fields})
+
+
+def sphere_verdict(**fields: Any) -> SphereVerdict:
+    return SphereVerdict(**{**VERDICT, **fields})
 
 
 class LeapingClock(Clock):

@@ -37,7 +37,7 @@ from cellctl.journal import (
     is_being_written,
     read_journal,
 )
-from tests.helpers.child_process import child
+from tests.helpers.runs import child
 
 EVERY_KIND = [
     RunStarted(

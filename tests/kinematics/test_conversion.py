@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellctl.kinematics import JointAxis, Link, SerialChain, pose_from_xyz_abc, to_craig, to_mdh, to_poe
-from tests.helpers.kr5_links import KR5_LINKS
+from tests.helpers.arms import KR5_LINKS
 
 UR10 = [
     Link(0, 127.3, 0, np.pi / 2),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cellctl.kinematics import Link, SerialChain, inverse, pose_from_xyz_abc
-from tests.helpers.kr5_links import KR5_LINKS
+from tests.helpers.arms import KR5_LINKS
 
 
 @pytest.fixture

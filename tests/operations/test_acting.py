@@ -13,7 +13,7 @@ from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.journal import OperatorAction, fold, read_journal, writer_of
 from cellctl.operations.run_control import act
-from tests.helpers.running_campaign import PATIENCE_S, Running
+from tests.helpers.engine import PATIENCE_S, Running
 
 MARIA = Operator("maria", "tablet", "console")
 

@@ -17,8 +17,8 @@ from cellctl.operations import analyses
 from cellctl.operations.analyses import FitSettings
 from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis, new_program
 from cellctl.operations.exporting import ExportOptions, exported, read_source
-from tests.helpers.kr5_model import kr5_model, readings_near_the_middle, targets_csv
-from tests.helpers.krl_seam import usual_seam
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.krl import usual_seam
 
 INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
 

@@ -9,7 +9,7 @@ import pytest
 
 from cellctl.metrology import Signal
 from cellctl.operations.daily_history import DailyHistory, daily_histories
-from tests.helpers.daily_checks import NOISE_MM, POINTS, check
+from tests.helpers.journals import NOISE_MM, POINTS, check
 
 
 @pytest.fixture(scope="module")

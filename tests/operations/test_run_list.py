@@ -11,7 +11,7 @@ from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.journal import RunStarted, RunState, SourceFile
 from cellctl.operations.run_list import RunFilter, is_simulated, run_rows
-from tests.helpers.finished_runs import run_in
+from tests.helpers.journals import run_in
 
 UNBORN = "sphere_selfcal-20260101T000000Z"
 

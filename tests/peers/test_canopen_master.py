@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.helpers.drive_cells import DRIVES, cell_file
+from tests.helpers.simulated_robots import DRIVES, cell_file
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120

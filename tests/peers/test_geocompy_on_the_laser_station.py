@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.helpers.laser_cells import STATION, write_cell
+from tests.helpers.station import STATION, write_cell
 
 geocompy = pytest.importorskip("geocompy")
 from geocompy import Angle, Coordinate, GeoCom, open_serial  # noqa: E402

@@ -14,8 +14,7 @@ from cellctl.records import TableStateRow
 from procedures.steps.sphere._identification import verdict_of
 from procedures.steps.sphere.rows import SphereVerdict, StandOffRow
 from procedures.steps.table_push import take_back_unhelpful
-from tests.helpers.sphere_rows import HELD_OUT_SENTENCE, sphere_verdict, standoff
-from tests.helpers.step_contexts import Context
+from tests.helpers.steps import HELD_OUT_SENTENCE, Context, sphere_verdict, standoff
 
 HELD_OUT = sphere_verdict()
 MINE = TableStateRow("mine", 2, True, True, True, 0.1)

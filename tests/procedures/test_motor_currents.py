@@ -5,7 +5,7 @@ import asyncio
 from cellctl.devices import MotorCurrents
 from cellctl.files import load_yaml
 from procedures.steps.tracker.measuring import current_source
-from tests.helpers.step_contexts import Context
+from tests.helpers.steps import Context
 
 
 class Drives:

@@ -6,7 +6,7 @@ import pytest
 
 from procedures.steps.sphere.reference_touches import jump
 from procedures.steps.sphere.rows import ReferenceRow
-from tests.helpers.sphere_rows import reference
+from tests.helpers.steps import reference
 
 SIGMA = 0.0245
 

@@ -28,8 +28,7 @@ from cellctl.records import Figures, Row, TablePushRow, TableStateRow
 from procedures.steps.sphere._proving import PushInputs, push
 from procedures.steps.sphere.rows import StandOffFigures
 from procedures.steps.table_push import pushed_row, require_in_force, take_back_unproved
-from tests.helpers.sphere_rows import sphere_verdict
-from tests.helpers.step_contexts import Context
+from tests.helpers.steps import Context, sphere_verdict
 
 ROOT = Path(__file__).parents[2]
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"

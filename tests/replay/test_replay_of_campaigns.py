@@ -15,8 +15,7 @@ import pytest
 
 from cellctl.journal import JournalError, RunResumed, fold, read_journal
 from cellctl.operations.launch import versions
-from tests.helpers.runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run
-from tests.helpers.shared_campaign import shared_campaign
+from tests.helpers.runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run, shared_campaign
 
 pytestmark = pytest.mark.campaign
 

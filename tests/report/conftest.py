@@ -27,7 +27,7 @@ from cellctl.journal import (
 )
 from cellctl.kinematics import inverse
 from cellctl.report.fit import FitStory, identification_rows
-from tests.helpers.report_rows import SEARCH
+from tests.helpers.journals import SEARCH
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml"
 PROCEDURE = "procedure: campaign\ntitle: Touches & <b>proof</b>\n"

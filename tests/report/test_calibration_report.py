@@ -13,7 +13,7 @@ from cellctl.cli.verbs import app
 from cellctl.records import Figures
 from cellctl.report import Contribution, Run, render, report_text
 from cellctl.report.budget import Budget, Decision, scatter_of_fit
-from tests.helpers.html_pages import Page
+from tests.helpers.reports import Page
 
 NOISE_MM = 0.01
 """Of the touches of `campaign`, along the normal."""

@@ -7,8 +7,19 @@ import pytest
 
 from cellctl.calibration import Backlash, Harmonics, JointCompliance, Postures, Split, Task, ThermalExpansion
 from cellctl.report.fit import FitStory, fit_page, write_fit_page
-from tests.helpers.html_pages import Page
-from tests.helpers.reports import arm, measured, pointed, poses, positions, sessions, sockets, told, touches, truth
+from tests.helpers.reports import (
+    Page,
+    arm,
+    measured,
+    pointed,
+    poses,
+    positions,
+    sessions,
+    sockets,
+    told,
+    touches,
+    truth,
+)
 
 HEADINGS = [
     "Set-up",

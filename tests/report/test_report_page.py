@@ -16,8 +16,8 @@ from cellctl.records import IdentificationRow, ResidualsRow, Row, TableStateRow
 from cellctl.report import ReportSection, Run, Sections, Sigma, render, report_text, write_report
 from cellctl.report.fit import fit_page
 from cellctl.report.fit.residuals import Residuals
-from tests.helpers.html_pages import Page
-from tests.helpers.report_rows import SEARCH
+from tests.helpers.journals import SEARCH
+from tests.helpers.reports import Page
 
 
 def standoff_rows(before, after, sigma=0.05, expected=0.0):

@@ -18,7 +18,7 @@ import numpy as np
 
 from cellctl.compensation import METHODS
 from cellctl.kinematics import Floats
-from tests.helpers.verified_targets import HEAVY_CELL, MOST_MM, OVER_FLOOR, Verified, calibrated, verified
+from tests.helpers.tracker import HEAVY_CELL, MOST_MM, OVER_FLOOR, Verified, calibrated, verified
 from tests.studies._runner import ROWS, Row, Study, Table, each
 
 HEAD = (

@@ -16,7 +16,7 @@ from typing import Any
 from PIL import Image
 
 from tests.helpers.console import ConsoleProcess, browser, console_process
-from tests.helpers.daily_checks import check
+from tests.helpers.journals import check
 from tests.helpers.runs import ROOT
 
 _WIDTH = 1360

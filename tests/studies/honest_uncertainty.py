@@ -17,11 +17,9 @@ from dataclasses import asdict, fields, replace
 
 import numpy as np
 
-from tests.helpers.fixed_orientations import TILTED, UPRIGHT, fixed
 from tests.helpers.honesty import Elsewhere, Honesty, Summary, elsewhere, honesty
-from tests.helpers.misjudged import MISJUDGED
-from tests.helpers.own_effects import JointErrors
-from tests.helpers.simulated_setups import OUTSIDE, SETUPS
+from tests.helpers.own_model import JointErrors
+from tests.helpers.simulated_setups import MISJUDGED, OUTSIDE, SETUPS, TILTED, UPRIGHT, fixed
 from tests.studies._runner import Row, Study, Table, each
 
 TURNS = {"one": [UPRIGHT], "two, 40° apart": [UPRIGHT, TILTED]}

@@ -37,7 +37,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.kuka_rsi.cyclic.online_block import TIMING_STEP_NS, OnlineSlot, pack
-from tests.helpers.online_models import wavy_model
+from tests.helpers.krc import wavy_model
 from tests.helpers.runs import ROOT, busy_machine
 
 ONLINE = "on-line"

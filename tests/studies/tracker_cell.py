@@ -19,8 +19,7 @@ from cellctl.metrology.error_figures import floor_ratio
 from cellctl.metrology.measured_pose import nees_range
 from procedures.steps.tracker.rows import TrackerVerdict
 from tests.helpers.runs import ROOT, finished_run
-from tests.helpers.tracker import CELL, cell_of
-from tests.helpers.tracker_truth import FLEXIBLE, Truth, found_frames, frame_errors, held_out, true_frames
+from tests.helpers.tracker import CELL, FLEXIBLE, Truth, cell_of, found_frames, frame_errors, held_out, true_frames
 from tests.studies._runner import ROWS, Row, Study, Table, each
 from tests.studies.compensation_methods import figures
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics import Link, SerialChain
-from tests.helpers.kr5_table import KR5_TABLE
+from tests.helpers.own_model import KR5_TABLE
 
 G = 9.80665
 

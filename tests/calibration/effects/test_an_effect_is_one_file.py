@@ -18,7 +18,7 @@ from cellctl.report.fit import FitStory, write_fit_page
 from tests.helpers import arms
 from tests.helpers.arms import csv_text, joints_and_places
 
-ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ROBOT))
+ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
 PER_K = np.array([0.004, -0.002, 0.012])
 """By which the tool of these tests moves in the flange's frame, mm/K."""
 
@@ -62,7 +62,7 @@ def with_one_effect_more(monkeypatch):
 
 def data(warm: bool = True) -> DataSet:
     rng = np.random.default_rng(4)
-    readings = rng.uniform(arms.LOWER, arms.UPPER, (120, 3))
+    readings = rng.uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (120, 3))
     temperature = rng.uniform(15.0, 35.0, 120)
     flange = ROBOT.chain().forward_flange(ROBOT.joint_map().model(readings))[:, :3, :3]
     places = arms.ElbowArm().tcp(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from cellctl.calibration.effects import JointCompliance
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Link, SerialChain
-from tests.helpers.effect_names import names_of
+from tests.helpers.arms import names_of
 
 
 def amounts(effect, **values):

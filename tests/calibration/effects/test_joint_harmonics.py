@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import Harmonics
 from cellctl.calibration.model.postures import Postures
-from tests.helpers.effect_names import names_of
+from tests.helpers.arms import names_of
 
 TURN = np.linspace(-np.pi, np.pi, 73)
 

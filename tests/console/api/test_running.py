@@ -14,9 +14,8 @@ from cellctl.engine import Operator
 from cellctl.journal import OperatorAction, writer_of
 from cellctl.operations.run_control import act
 from cellctl.procedure import StepRegistry
-from tests.helpers.api_client import ApiClient, api_client
-from tests.helpers.engine import KINDS
-from tests.helpers.running_campaign import PATIENCE_S, Running
+from tests.helpers.console import ApiClient, api_client
+from tests.helpers.engine import KINDS, PATIENCE_S, Running
 
 ADA = {"Authorization": "Bearer secret", "X-Operator": "Ada"}
 

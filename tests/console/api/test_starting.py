@@ -14,7 +14,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import sha256_of
 from cellctl.journal import Journal, RunStarted, SourceFile
 from cellctl.operations.cell_devices import DeviceLocks
-from tests.helpers.api_client import ApiClient, api_client
+from tests.helpers.console import ApiClient, api_client
 from tests.helpers.runs import CELL, cell_with
 
 ADA = {"Authorization": "Bearer secret", "X-Operator": "Ada"}

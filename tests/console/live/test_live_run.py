@@ -21,8 +21,8 @@ from cellctl.console.live import _run as tail
 from cellctl.engine.status import status_of
 from cellctl.engine.step_tree import Node
 from cellctl.journal import InterlockChanged, Outcome, RunResumed, StepEnded, StepFailure, StepStarted, read_journal
-from tests.helpers.child_process import child
-from tests.helpers.live_journals import WrittenRun, registry
+from tests.helpers.engine import WrittenRun, registry
+from tests.helpers.runs import child
 
 PATIENCE = 200
 
@@ -167,7 +167,7 @@ def test_a_run_whose_process_is_killed_is_cut_off_and_goes_on_when_it_is_resumed
     code = """
 import sys
 from pathlib import Path
-from tests.helpers.live_journals import WrittenRun
+from tests.helpers.engine import WrittenRun
 from cellctl.journal import StepStarted
 run = WrittenRun(Path(sys.argv[1]))
 run.add(StepStarted("points[0].measure", 1, True))

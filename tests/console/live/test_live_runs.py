@@ -14,7 +14,7 @@ from cellctl.console.live import LiveRuns
 from cellctl.console.live import runs as row
 from cellctl.files import InputError
 from cellctl.journal import RunResumed, StateChanged
-from tests.helpers.live_journals import WrittenRun, registry
+from tests.helpers.engine import WrittenRun, registry
 
 PATIENCE_S = 60.0
 

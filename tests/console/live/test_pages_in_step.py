@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.helpers.console import browser
-from tests.helpers.live_console import live_console, now_ms, shown_at_ms
-from tests.helpers.live_journals import WrittenRun
+from tests.helpers.console import browser, live_console, now_ms, shown_at_ms
+from tests.helpers.engine import WrittenRun
 
 EVENTS = 12
 LOOK_MS = 50.0

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.console.scene.charts import IDENTIFIED, NOMINAL, changes, residual_options, series_of, sigma_options
-from tests.helpers.journals import MadeJournal, residuals_row, touch_run
-from tests.helpers.report_rows import SEARCH
+from tests.helpers.journals import SEARCH, MadeJournal, residuals_row, touch_run
 
 
 def identified(run: MadeJournal) -> MadeJournal:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cellctl.devices import ControllerTable, DeviceLost, DeviceUncertain, TableRow, TableState
-from tests.helpers.controller_tables import ControllerTables, Kept
-from tests.helpers.table_line import CutLine, channel_to
+from tests.helpers.krc import ControllerTables, CutLine, Kept, channel_to
 
 
 def table(rows: int) -> ControllerTable:

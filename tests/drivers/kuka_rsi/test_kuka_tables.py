@@ -16,7 +16,7 @@ from cellctl.devices import (
     TableInfo,
     TableRow,
 )
-from tests.helpers.controller_tables import ControllerTables
+from tests.helpers.krc import ControllerTables
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 AWAY = (1.25, -90.0, 90.0, 0.0, 45.0, 0.0)

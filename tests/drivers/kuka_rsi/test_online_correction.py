@@ -22,7 +22,7 @@ from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Cause,
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 from drivers.kuka_rsi.description import findings
-from tests.helpers.online_models import wavy_model
+from tests.helpers.krc import wavy_model
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 LIMITS = OnlineLimits()

@@ -20,8 +20,7 @@ from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, pack
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
 from drivers.kuka_rsi.cyclic.session import Cause, InterpolationCycle, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
-from tests.helpers.krc import CALM, HOME, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather
-from tests.helpers.online_models import wavy_model
+from tests.helpers.krc import CALM, HOME, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather, wavy_model
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "12"))
 LIMITS = OnlineLimits()

@@ -29,7 +29,7 @@ from cellctl.kinematics import inverse_pose
 from drivers.kuka_rsi.cyclic.online_block import pack, unpack
 from drivers.kuka_rsi.cyclic.online_kernel import newton_step
 from drivers.kuka_rsi.cyclic.online_model import OnlineModel
-from tests.helpers.online_models import wavy_model
+from tests.helpers.krc import wavy_model
 from tests.helpers.runs import ROOT
 
 ROBOT = RobotFile.load(ROOT / "procedures" / "papers" / "robots" / "kr300_with_end_effector.yaml")

@@ -21,7 +21,7 @@ from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
 from drivers.kuka_rsi.eki.channel import Reply
 from drivers.kuka_rsi.robot.correcting import Correcting
 from drivers.kuka_rsi.robot.holding import Holding
-from tests.helpers.online_models import wavy_model
+from tests.helpers.krc import wavy_model
 from tests.helpers.runs import ROOT
 
 MODEL = CorrectionModel("m1", {name: tuple(values) for name, values in wavy_model(1.0).items()})

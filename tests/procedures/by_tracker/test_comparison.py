@@ -25,8 +25,7 @@ from tests.helpers.own_campaigns import Campaign
 from tests.helpers.own_model import pose_of
 from tests.helpers.runs import ROOT
 from tests.helpers.simulated_setups import KR5_REGION, KR5_SIGNS
-from tests.helpers.sphere_rows import touch
-from tests.helpers.step_contexts import Context
+from tests.helpers.steps import Context, touch
 
 PROCEDURES = ROOT / "procedures"
 CELL = PROCEDURES / "cells" / "sphere_tracker_cell.yaml"

@@ -18,8 +18,7 @@ from procedures.steps.tool._measuring import PoseInputs
 from procedures.steps.tool._solving import planned_touches
 from procedures.steps.tool.rows import ToolErrorsRow, ToolTouchRow, ToolVerdict
 from tests.helpers.runs import CELL, ROOT
-from tests.helpers.sphere_rows import CONTACT
-from tests.helpers.step_contexts import Context
+from tests.helpers.steps import CONTACT, Context
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 ROBOT = RobotFile.load(ROBOT_FILE)

@@ -14,7 +14,7 @@ from sims.kernel import Kernel
 from sims.krc._rsi_exchange import target_of
 from sims.scene.safety import Safety
 from sims.wires import Wire
-from tests.helpers.simulated_devices import catalogue
+from tests.helpers.sims import catalogue
 
 MS = 1_000_000
 PATIENCE_S = 90

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from sims.faults import FaultError, Faults
-from tests.helpers.simulated_devices import catalogue, read_fault
+from tests.helpers.sims import catalogue, read_fault
 
 MS = 1_000_000
 

@@ -10,8 +10,7 @@ import pytest
 from sims.drives._server import DriveServer
 from sims.faults import Faults
 from sims.kernel import Kernel
-from tests.helpers.simulated_devices import catalogue, setup_of
-from tests.helpers.true_worlds import with_errors
+from tests.helpers.sims import catalogue, setup_of, with_errors
 
 MS = 1_000_000
 

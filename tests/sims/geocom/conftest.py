@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.helpers.laser_bench import Bench, Scene
+from tests.helpers.station import Bench, Scene
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from math import cos, pi, radians, sin
 
 import pytest
 
-from tests.helpers.laser_bench import Reflector
+from tests.helpers.station import Reflector
 
 S = 1_000_000_000
 LEVEL = pi / 2

@@ -15,8 +15,8 @@ from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.simulator import CannotStart
 from sims.simulators import installed
-from tests.helpers.laser_cells import write_cell
-from tests.helpers.simulated_devices import catalogue, setup_of
+from tests.helpers.sims import catalogue, setup_of
+from tests.helpers.station import write_cell
 
 PATIENCE_S = 60
 

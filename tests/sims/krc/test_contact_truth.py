@@ -7,7 +7,7 @@ from math import dist, hypot, radians
 import numpy as np
 import pytest
 
-from tests.helpers.a1_searches import HOME, STEP_DEG, TOUCH_MM, cell_with_sphere
+from tests.helpers.sims import HOME, STEP_DEG, TOUCH_MM, cell_with_sphere
 
 
 def search(pc, cycles, step=STEP_DEG, stop_after=None):

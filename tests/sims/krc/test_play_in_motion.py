@@ -9,7 +9,7 @@ import pytest
 
 from sims.conditions import Conditions
 from sims.memory import Memory
-from tests.helpers.a1_searches import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
+from tests.helpers.sims import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
 
 
 @pytest.fixture

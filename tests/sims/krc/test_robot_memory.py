@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sims.memory import BadMemory, Memory
-from tests.helpers.a1_searches import HOME, STEP_DEG, cell_with_sphere, search_until_contact
+from tests.helpers.sims import HOME, STEP_DEG, cell_with_sphere, search_until_contact
 
 THERE = (10.0, -80.0, 90.0, 0.0, 45.0, 20.0)
 

@@ -6,7 +6,7 @@ from math import dist
 
 import pytest
 
-from tests.helpers.a1_searches import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
+from tests.helpers.sims import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
 
 
 def touch(pc):

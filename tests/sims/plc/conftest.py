@@ -10,8 +10,7 @@ import pytest
 
 from sims.cell import read_cell
 from sims.plc._server import PlcServer
-from tests.helpers.sims import TcpBench
-from tests.helpers.simulated_devices import setup_of
+from tests.helpers.sims import TcpBench, setup_of
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 

@@ -7,7 +7,7 @@ from sims.kernel import Kernel
 from sims.probe._firmware import Level, level_of
 from sims.probe._server import Circuit
 from sims.scene.contact import ContactLoop
-from tests.helpers.simulated_devices import catalogue, read_fault
+from tests.helpers.sims import catalogue, read_fault
 
 MS = 1_000_000
 

@@ -11,7 +11,7 @@ from sims.cell import read_cell
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.probe._server import ProbeServer
-from tests.helpers.simulated_devices import catalogue, read_fault, setup_of
+from tests.helpers.sims import catalogue, read_fault, setup_of
 
 MS = 1_000_000
 PATIENCE_S = 90

@@ -8,8 +8,7 @@ from sims.conditions import Conditions, Payload
 from sims.faults import Faults
 from sims.scene.scene import Scene
 from sims.world.world import World
-from tests.helpers.simulated_devices import catalogue
-from tests.helpers.true_worlds import with_errors
+from tests.helpers.sims import catalogue, with_errors
 
 POSE = (20.0, -60.0, 70.0, 35.0, -40.0, 100.0)
 WAYS = (1, -1, -1, 1, 1, -1)

@@ -12,8 +12,7 @@ from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.robot_file import Frame
 from sims.scene.scene import Scene
-from tests.helpers.simulated_devices import catalogue, read_fault
-from tests.helpers.true_worlds import with_errors
+from tests.helpers.sims import catalogue, read_fault, with_errors
 
 STATION = Station(
     frame=Frame((2500.0, -1500.0, 300.0), (150.0, 0.0, 0.0)),

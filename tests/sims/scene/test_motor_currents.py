@@ -6,8 +6,7 @@ from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.scene.scene import Scene
-from tests.helpers.simulated_devices import catalogue
-from tests.helpers.true_worlds import with_errors
+from tests.helpers.sims import catalogue, with_errors
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 S = 1_000_000_000

@@ -7,8 +7,7 @@ import pytest
 from sims.cell import Plate
 from sims.faults import Faults
 from sims.scene.scene import Scene
-from tests.helpers.simulated_devices import catalogue
-from tests.helpers.true_worlds import with_errors
+from tests.helpers.sims import catalogue, with_errors
 
 
 @pytest.fixture

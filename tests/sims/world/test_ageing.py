@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from sims.cell import ERRORS
-from tests.helpers.true_worlds import BENT, CELL, world
+from tests.helpers.sims import BENT, CELL, world
 
 MINUTE_NS = 60_000_000_000
 # the link table stretched out, base to flange: d1 and a1, a2, a3, d4, d6

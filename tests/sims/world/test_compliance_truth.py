@@ -15,7 +15,7 @@ from sims.cell import ERRORS
 from sims.conditions import Conditions
 from sims.world._gravity import Body, Compliance, Falls, Mass
 from sims.world.kinematics import Axis
-from tests.helpers.true_worlds import BENT, CELL, world
+from tests.helpers.sims import BENT, CELL, world
 
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 STRETCHED = (0.0,) * 6

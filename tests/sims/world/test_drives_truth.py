@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sims.cell import ERRORS
 from sims.conditions import Conditions
 from sims.world.drives import Backlash
-from tests.helpers.true_worlds import BENT, world
+from tests.helpers.sims import BENT, world
 
 ANGLE = st.floats(-180.0, 180.0)
 

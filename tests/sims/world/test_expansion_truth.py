@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sims.conditions import Conditions
 from sims.world.environment import expansions
-from tests.helpers.true_worlds import BENT, CELL, world
+from tests.helpers.sims import BENT, CELL, world
 
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 STRETCHED = (0.0,) * 6
