@@ -13,7 +13,7 @@ from cellctl.operations import table as table_module
 from cellctl.operations.cell_devices import Connected
 from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
-CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
+CELL = Path(__file__).parents[3] / "procedures" / "cells" / "sphere_cell.yaml"
 
 
 class Controller:

@@ -7,7 +7,7 @@ import pytest
 
 from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
-CELL = Path(__file__).parents[2] / "procedures" / "cells" / "varproxy_cell.yaml"
+CELL = Path(__file__).parents[3] / "procedures" / "cells" / "varproxy_cell.yaml"
 
 
 @pytest.fixture

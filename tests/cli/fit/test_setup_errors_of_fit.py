@@ -10,7 +10,7 @@ from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet, RobotFile, load_artefact, measurements
 from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "inputs"
+GOLDEN = Path(__file__).parents[2] / "golden" / "inputs"
 
 
 def problems(files, robot="robot.yaml", data="positions.csv", artefact=None):

@@ -15,7 +15,7 @@ from cellctl.kinematics import abc_from_rotation
 from cellctl.operations.compensating import compensate_targets
 from tests.helpers.arms import KR5_ERRORS, KR5_FILE, kr5_model, readings_near_the_middle, targets_csv
 
-CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
+CELL = Path(__file__).parents[3] / "procedures" / "cells" / "sphere_cell.yaml"
 
 
 def rows_of(path):

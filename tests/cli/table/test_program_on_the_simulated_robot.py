@@ -13,7 +13,7 @@ from tests.helpers.arms import KR5_FILE
 from tests.helpers.krl import BASE, CHAIN, JOINTS, Seam, config, position
 from tests.helpers.simulated_data import best_rigid, true_points, workspace_of
 
-CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
+CELL = Path(__file__).parents[3] / "procedures" / "cells" / "sphere_cell.yaml"
 SEED = 4
 
 

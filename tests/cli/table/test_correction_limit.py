@@ -8,7 +8,7 @@ from cellctl.devices.cell import Cell, table_correction_deg
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, load_yaml
 
-CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"
+CELL = Path(__file__).parents[3] / "procedures" / "cells" / "sphere_cell.yaml"
 
 
 def cell_with(folder, old, new):

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-CELLS = Path(__file__).parents[2] / "procedures" / "cells"
+CELLS = Path(__file__).parents[3] / "procedures" / "cells"
 FOLDER = "KRC:\\R1\\PROGRAM"
 
 
