@@ -35,7 +35,7 @@ _CURE = "one data file, with it at most: a table of positions, a robot file, an 
 
 FOLDER = "analyses"
 EXAMPLE = Path(__file__).parent / "simulated_kr5_r1400.csv"
-"""100 positions of a simulated KR5 R1400, made by `tests/helpers/simulated_example.py`: no real robot is in it."""
+"""100 positions of a simulated KR5 R1400, made by `tests/helpers/simulated_data.py`: no real robot is in it."""
 EXAMPLE_ROBOT = "kr5_r1400"
 RECORD, UNDERSTOOD, OUTCOME, LOG, LOCK = "analysis.json", "understood.json", "outcome.json", "log.jsonl", "lock"
 MODEL, REPORT, FIT, URDF = "model.json", "report.html", "fit.json", "robot.urdf"

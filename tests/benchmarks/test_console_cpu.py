@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from console_process import browser
-from live_console import LiveConsole, live_console, shown_at_ms
-from live_journals import WrittenRun
+
+from tests.helpers.console import LiveConsole, browser, live_console, shown_at_ms
+from tests.helpers.engine import WrittenRun
 
 EVENTS = 25
 

@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from side_by_side import median, race, side
-from textbook_rows import save_rows
+
+from tests.benchmarks.side_by_side import median, race, side
+from tests.benchmarks.textbook import save_rows
 
 FITS = [sys.executable, str(Path(__file__).parent / "cellctl_fits.py")]
 FEW, TIMES = 500, 10

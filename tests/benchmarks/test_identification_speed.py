@@ -6,9 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from real_rows import DATA, save_real_rows
-from side_by_side import median, race, side
-from textbook_rows import save_rows
+
+from tests.benchmarks.side_by_side import median, race, side
+from tests.benchmarks.textbook import save_rows
+from tests.helpers.real_data import UR10_DATA, save_real_rows
 
 HERE = Path(__file__).parent
 OURS = [sys.executable, str(HERE / "cellctl_fits.py")]
@@ -68,7 +69,7 @@ def test_five_hundred_positions_are_identified_twenty_times_as_fast_as_by_pyboti
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not DATA.exists(), reason=f"the UR10 measurements are not at {DATA}")
+@pytest.mark.skipif(not UR10_DATA.exists(), reason=f"the UR10 measurements are not at {UR10_DATA}")
 @pytest.mark.parametrize("count", [40, 50])
 def test_few_positions_of_a_real_robot_are_identified_ten_times_as_fast_as_by_pybotics(compare, count):
     found = compare(count, None, 10)

@@ -9,10 +9,10 @@ import time
 
 import numpy as np
 import pytest
-from side_by_side import in_turn
-from textbook_arm import UR10, forward, forward_and_jacobian
 
 from cellctl.kinematics import Link, SerialChain, inverse
+from tests.benchmarks.side_by_side import in_turn
+from tests.benchmarks.textbook import UR10, forward, forward_and_jacobian
 
 BLOCK, BLOCKS = 1024, 40
 WARM_RAD = 0.02

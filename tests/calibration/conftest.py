@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kr5_table import KR5_TABLE
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import SpacingRows, Task, TouchRows
 from cellctl.formats import RobotFile, nominal_model
+from tests.helpers.own_model import KR5_TABLE
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_campaigns import place
 
 from cellctl.calibration import (
     Backlash,
@@ -28,6 +27,7 @@ from cellctl.formats import RobotFile, nominal_model
 from sims.cell import read_cell
 from sims.conditions import Conditions
 from sims.world import World
+from tests.helpers.own_campaigns import place
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"
 ROBOT = RobotFile.load(PROCEDURES / "robots" / "kr5_r1400.yaml")

@@ -5,11 +5,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from honesty import squared
-from own_arm import Floats
-from own_campaigns import Campaign, nominal_of
 
 from cellctl.calibration import Identification, RowBlocks, Split, Task, fit, identify
+from tests.helpers.honesty import squared
+from tests.helpers.own_campaigns import Campaign, nominal_of
+from tests.helpers.own_model import Floats
 
 SIGMA = 0.03
 ROBOTS = 8

@@ -2,11 +2,9 @@
 
 from functools import cache
 
-import elbow_arm
 import numpy as np
 import pytest
 import yaml
-from elbow_arm import csv_text, joints_and_places
 
 from cellctl.calibration import JointField, Split, fit, predict
 from cellctl.calibration.effects import EffectInputs
@@ -14,8 +12,10 @@ from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.residuals.residual_model import Remainder
 from cellctl.calibration.selection.ladder import remainder
 from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
+from tests.helpers import arms
+from tests.helpers.arms import csv_text, joints_and_places
 
-ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))
+ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
 FIT, HELD_OUT = 120, 100
 SIGMA = 0.017
 
@@ -32,8 +32,8 @@ def lean(readings):
 def fitted(size, model="auto", seed=6, outlier=None):
     """Measurements and fit of an arm that leans so many times as `lean` says; row `outlier` is 80 mm off."""
     rng = np.random.default_rng(seed)
-    readings = rng.uniform(elbow_arm.LOWER, elbow_arm.UPPER, (FIT + HELD_OUT, 3))
-    places = elbow_arm.ElbowArm().tcp(readings) + size * lean(readings) + rng.normal(0.0, SIGMA, (len(readings), 3))
+    readings = rng.uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (FIT + HELD_OUT, 3))
+    places = arms.ElbowArm().tcp(readings) + size * lean(readings) + rng.normal(0.0, SIGMA, (len(readings), 3))
     if outlier is not None:
         places[outlier] += (0.0, 80.0, 0.0)
     measured = measurements(
@@ -63,7 +63,7 @@ def test_the_links_are_identified_beside_the_field_not_before_it():
     found = result.identification.identified
     place = found.unknowns.names.index("a2")
     sigma = np.sqrt(found.covariance[place, place])
-    assert found.deviations[place] == pytest.approx(elbow_arm.ElbowArm().upper - 500.0, abs=3.0 * sigma)
+    assert found.deviations[place] == pytest.approx(arms.ElbowArm().upper - 500.0, abs=3.0 * sigma)
 
 
 def test_a_model_file_holds_the_field_and_predicts_the_same(tmp_path):
@@ -71,7 +71,7 @@ def test_a_model_file_holds_the_field_and_predicts_the_same(tmp_path):
     ModelFile.of(ROBOT, measured, result).save(tmp_path / "model.json")
     again = ModelFile.load(tmp_path / "model.json").robot_model()
     found = result.identification.identified
-    q = ROBOT.joint_map().model(np.random.default_rng(2).uniform(elbow_arm.LOWER, elbow_arm.UPPER, (50, 3)))
+    q = ROBOT.joint_map().model(np.random.default_rng(2).uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (50, 3)))
     own = predict(found.state.model, found.covariance[: found.unknowns.robot, : found.unknowns.robot], q)
     np.testing.assert_allclose(again.tcp(q), own.poses[:, :3, 3], atol=1e-9)
     np.testing.assert_allclose(again.open_variance(q), found.state.model.open_variance(q), atol=1e-12)

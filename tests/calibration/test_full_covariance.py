@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fit_stories import INSTRUMENT, KR5, REGION, measured, poses, positions, postures, truth
 
 from cellctl.calibration import PoseRows, PositionRows, State, identify, sigma_among
 from cellctl.formats import DataSet, measurements
+from tests.helpers.reports import INSTRUMENT, KR5, REGION, measured, poses, positions, postures, truth
 
 ALONG, ACROSS = 0.3, 0.02
 

@@ -1,19 +1,17 @@
 """The estimator's own σ is the error that is found: 20 seeds of the study `honest_uncertainty`.
 
 Truth, measurements and the optimum to compare with come from an arm, a posterior and derivatives written for tests
-(`own_arm`, `own_posterior`), not from cellctl.
+(`own_model`), not from cellctl.
 """
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from fitted import fitted, observed, task_of
-from fixed_orientations import TILTED, UPRIGHT, fixed
-from honesty import Summary, elsewhere, honesty
-from simulated_setups import OUTSIDE, SETUPS
 
 from cellctl.calibration import RowBlocks, identify
+from tests.helpers.honesty import Summary, elsewhere, fitted, honesty, observed, task_of
+from tests.helpers.simulated_setups import OUTSIDE, SETUPS, TILTED, UPRIGHT, fixed
 
 SEEDS = 20
 FEWEST_INSIDE = 16 / SEEDS

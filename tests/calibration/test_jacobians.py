@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from kr5_links import KR5_LINKS
 
 from cellctl.calibration import (
     PoseRows,
@@ -14,6 +13,7 @@ from cellctl.calibration import (
     TouchRows,
 )
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
+from tests.helpers.arms import KR5_LINKS
 
 RNG = np.random.default_rng(2)
 Q = RNG.uniform(-1.5, 1.5, (5, 6))

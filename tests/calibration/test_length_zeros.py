@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_campaigns import Campaign, nominal_of, shape_error
 
 from cellctl.calibration import (
     PositionRows,
@@ -22,6 +21,7 @@ from cellctl.calibration import (
     identify,
 )
 from cellctl.kinematics import pose_from_xyz_abc
+from tests.helpers.own_campaigns import Campaign, nominal_of, shape_error
 
 ANCHORS = np.array([[1500.0, 600.0, 100.0], [1300.0, -900.0, 1500.0]])
 WIRES = ("W1", "W2")

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_campaigns import Campaign, certificate, nominal_of, place
-from simulated_setups import SPHERES
 
 from cellctl.calibration import RowBlocks, Session, State, Task, Tolerances, Unknowns, identify
 from cellctl.calibration.estimation.identify import sampled
 from cellctl.calibration.selection.cross_validation import Linear
+from tests.helpers.own_campaigns import Campaign, certificate, nominal_of, place
+from tests.helpers.simulated_setups import SPHERES
 
 SAID = 0.05
 ROWS = 40

@@ -5,12 +5,12 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from fitted import task_of
-from own_campaigns import Campaign, certificate, nominal_of, shape_error
 from scipy.spatial.transform import Rotation
-from simulated_setups import SPHERES, poses
 
 from cellctl.calibration import Session, Task, identify
+from tests.helpers.honesty import task_of
+from tests.helpers.own_campaigns import Campaign, certificate, nominal_of, shape_error
+from tests.helpers.simulated_setups import SPHERES, poses
 
 SOCKETS = np.array([[800.0, 200.0, 500.0], [900.0, -250.0, 350.0]])
 ANCHOR = np.array([1300.0, -300.0, 100.0])

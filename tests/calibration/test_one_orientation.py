@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from own_campaigns import Campaign, nominal_of
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import PositionRows, Split, Task, fit
+from tests.helpers.own_campaigns import Campaign, nominal_of
 
 
 def rows_within(campaign, spread_deg, count=20):

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fitted import fitted
-from misjudged import wild_rows, with_wild_rows
-from simulated_setups import SETUPS, sph
 
 from cellctl.calibration import Split, State, Tolerances, Unknowns, fit, identify
 from cellctl.calibration.selection.cross_validation import Linear
+from tests.helpers.honesty import fitted
+from tests.helpers.simulated_setups import SETUPS, sph, wild_rows, with_wild_rows
 
 LATER = np.arange(80) >= 50
 FIT = np.flatnonzero(~LATER)

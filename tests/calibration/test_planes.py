@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kr5_model import ROBOT
-from own_campaigns import Campaign, certificate, nominal_of, shape_error
 
 from cellctl.calibration import (
     PlaneRows,
@@ -23,6 +21,8 @@ from cellctl.calibration.rows.fixed_points import planes_of, pole_of
 from cellctl.formats import RobotFile
 from cellctl.planning.next_rows import rows_like
 from cellctl.setup_check import check_setup
+from tests.helpers.arms import KR5_FILE
+from tests.helpers.own_campaigns import Campaign, certificate, nominal_of, shape_error
 
 SLOPE = np.array([-0.6, 0.0, 0.8])
 PLANES = np.array(
@@ -176,7 +176,7 @@ def test_rows_moved_elsewhere_and_rows_to_be_measured_touch_the_same_planes():
 
 
 def test_a_reversed_joint_is_named_from_plane_touches_and_a_sound_set_up_is_not_accused():
-    robot = RobotFile.load(ROBOT)
+    robot = RobotFile.load(KR5_FILE)
     campaign = campaign_of(1)
     block = campaign.planes(80, PLANES, SIGMA, BALL)
     task, joints = task_of(campaign, [block], ("floor", "wall", "side")), robot.joint_map()

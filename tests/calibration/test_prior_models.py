@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from own_arm import Floats, six_of
-from own_campaigns import Campaign, nominal_of, place
 
 from cellctl.calibration import Estimate, PositionRows, Session, Task, identify, predict
 from cellctl.calibration.estimation.moved import zero_changes
+from tests.helpers.own_campaigns import Campaign, nominal_of, place
+from tests.helpers.own_model import Floats, six_of
 
 SIGMA = 0.05
 ROBOTS = 24

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_arm import small_motion
-from own_campaigns import Campaign, nominal_of, place, shape_error
 
 from cellctl.calibration import PositionRows, Session, Split, Task, fit, identify
+from tests.helpers.own_campaigns import Campaign, nominal_of, place, shape_error
+from tests.helpers.own_model import small_motion
 
 SIGMA = 0.05
 ROWS, DAYS = 32, 3

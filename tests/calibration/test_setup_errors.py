@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kr5_table import KR5_TABLE
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -20,6 +19,7 @@ from cellctl.kinematics import Link, SerialChain
 from cellctl.setup_check import WideFit, check_setup
 from cellctl.setup_check._mixed_units import mixed_units
 from cellctl.setup_check.hypothesis import Setup
+from tests.helpers.own_model import KR5_TABLE
 
 ROOT = Path(__file__).parents[2]
 KR5 = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_campaigns import Campaign, body_error, certificate, nominal_of
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Split, Task, fit, identify
+from tests.helpers.own_campaigns import Campaign, body_error, certificate, nominal_of
 
 SOCKETS = np.array([[800.0, 300.0, 500.0], [1000.0, -300.0, 350.0], [1100.0, 100.0, 250.0]])
 ANCHOR = np.array([1200.0, 0.0, 100.0])

@@ -5,11 +5,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from own_campaigns import Campaign, certificate, nominal_of
 
 from cellctl.calibration import SpacingRows, Task, identify
 from cellctl.setup_check import find_spacing_errors
 from cellctl.setup_check._predicted_spacings import model_errors
+from tests.helpers.own_campaigns import Campaign, certificate, nominal_of
 
 
 def with_spacings(task, by):

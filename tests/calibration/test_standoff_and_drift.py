@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_postures import KR5
 from scipy.stats import linregress
 
 from cellctl.calibration import RobotModel, linear_drift, locate_sphere
 from cellctl.formats import RobotFile
 from cellctl.planning import SphereTarget, plan_touches
 from cellctl.planning.ways import Reach
+from tests.helpers.arms import KR5_POSTURES
 
 ROBOT = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")
 CENTRE, REACH, SIGMA = (850.0, 0.0, 550.0), 31.3, 0.02
@@ -24,7 +24,9 @@ def touched() -> np.ndarray:
     """Model angles (20, n) of the nominal robot exactly on the sphere."""
     low, high = ROBOT.limits().T.tolist()
     target = SphereTarget("P1", CENTRE, REACH - 10.0)  # a search begins 10 mm off what is said: on the surface
-    touches = plan_touches(ROBOT.chain(), ROBOT.joint_map(), Reach(tuple(low), tuple(high)), KR5, [target], [20], 5)
+    touches = plan_touches(
+        ROBOT.chain(), ROBOT.joint_map(), Reach(tuple(low), tuple(high)), KR5_POSTURES, [target], [20], 5
+    )
     return ROBOT.joint_map().model([touch.start for touch in touches])
 
 

@@ -23,7 +23,9 @@ from cellctl.calibration.selection.model_error import WORSE_AT_END, Gain, worst_
 from cellctl.formats import RobotFile
 from tests.studies import outside_the_joints as ur10
 
-needs_data = pytest.mark.skipif(not ur10.DATA.exists(), reason=f"the UR10 measurements are not at {ur10.DATA}")
+needs_data = pytest.mark.skipif(
+    not ur10.UR10_DATA.exists(), reason=f"the UR10 measurements are not at {ur10.UR10_DATA}"
+)
 
 
 @pytest.mark.parametrize(

@@ -5,21 +5,21 @@ from functools import cache
 
 import numpy as np
 import pytest
-from motor_rows import ROBOT, motor_rows, world
 
 from cellctl.calibration import Split, fit
 from cellctl.files import InputError
 from cellctl.formats import DataSet, RobotFile
 from cellctl.formats.measurements import measurements
+from tests.helpers.simulated_data import KR5_FILE, motor_rows, motor_world
 
-KR5 = RobotFile.load(ROBOT)
+KR5 = RobotFile.load(KR5_FILE)
 FLOOR_MM = 0.02 * np.sqrt(3.0)
 """RMS of the noise of the held-out positions."""
 
 
 @cache
 def rows(seed, friction, count):
-    return motor_rows(world(seed, friction), count, 5 + seed)
+    return motor_rows(motor_world(seed, friction), count, 5 + seed)
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def amounts(result):
 
 
 def true_flexibility(seed):
-    one = world(seed, 1.0)
+    one = motor_world(seed, 1.0)
     return np.multiply(one._compliance.rates, one.motors.nm_per_a) * 1e3
 
 

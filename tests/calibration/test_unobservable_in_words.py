@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from own_campaigns import place
 
 from cellctl.calibration import (
     Backlash,
@@ -23,6 +22,7 @@ from cellctl.calibration import (
 )
 from cellctl.calibration.observability.unobservable import in_words
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc, to_poe
+from tests.helpers.own_campaigns import place
 
 IIWA = [(360, -90), (0, 90), (420, 90), (0, -90), (400, -90), (0, 90), (126, 0)]
 TOOL = pose_from_xyz_abc([30, 20, 100], [10, 20, 30])

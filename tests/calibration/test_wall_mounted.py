@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_arm import Floats, OwnArm, kr5
-from simulated_setups import KR5_REGION, erroneous
 
 from cellctl.calibration import Split, fit
 from cellctl.formats import DataSet, RobotFile, measurements
+from tests.helpers.own_model import Floats, OwnArm, kr5
+from tests.helpers.simulated_setups import KR5_REGION, erroneous
 
 KR5 = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")
 WALL = np.array([1.0, 0.0, 0.0])

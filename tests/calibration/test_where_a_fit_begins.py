@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_campaigns import Campaign, nominal_of
 
 from cellctl.calibration import Task, TouchRows, identify
 from cellctl.calibration.estimation.registration import fixed_points
 from cellctl.calibration.rows.fixed_points import sphere_centre
+from tests.helpers.own_campaigns import Campaign, nominal_of
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from own_campaigns import Campaign, nominal_of
-from simulated_setups import SPHERES
 
 from cellctl.calibration import RowBlocks, Split, Task, fit, identify
+from tests.helpers.own_campaigns import Campaign, nominal_of
+from tests.helpers.simulated_setups import SPHERES
 
 SHIFT_MM = 10.0
 TOOL = ("tool_x", "tool_y", "tool_z")

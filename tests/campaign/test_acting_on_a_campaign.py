@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, only_run, touches_procedure
-from child_process import child
 
 from cellctl.journal import OperatorAction, StateChanged, fold, read_journal
+from tests.helpers.runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, child, only_run, touches_procedure
 
 pytestmark = pytest.mark.campaign
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import CELL, Ended, cell_with, cellctl, faults, run_here, touches_procedure
 
 from cellctl.cli import ends
 from cellctl.devices import DeviceFault, DeviceLost, NoContact, ProbeNotOpen
@@ -15,6 +14,7 @@ from cellctl.engine import Mailbox, State
 from cellctl.journal import Outcome
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.cell_devices import SimulatedCell
+from tests.helpers.runs import CELL, Ended, cell_with, cellctl, faults, run_here, touches_procedure
 
 pytestmark = pytest.mark.campaign
 

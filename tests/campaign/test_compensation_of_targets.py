@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from cell_runs import cellctl, only_run
-from verified_targets import HEAVY_CELL, MOST_MM, OVER_FLOOR, TARGETS, Verified, calibrated, verified
 
 from cellctl.journal import fold, read_journal
 from procedures.steps.tracker.rows import CorrectionEndRow, CorrectionLogRow, TrackerVerdict
+from tests.helpers.runs import cellctl, only_run
+from tests.helpers.tracker import HEAVY_CELL, MOST_MM, OVER_FLOOR, TARGETS, Verified, calibrated, verified
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

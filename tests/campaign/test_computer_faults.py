@@ -16,19 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import (
-    PATIENCE_S,
-    ROOT,
-    UNHURRIED,
-    another_engine,
-    cell_with,
-    cellctl,
-    controller_states,
-    only_run,
-    touches_procedure,
-    unhurried,
-)
-from child_process import child
 
 from cellctl.devices import DeviceError, DeviceUnreachable
 from cellctl.engine import Mailbox, NobodyWatching, State
@@ -36,6 +23,19 @@ from cellctl.journal import fold, read_journal
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.cell_devices import SimulatedCell
 from cellctl.operations.launch import Options, run_on
+from tests.helpers.runs import (
+    PATIENCE_S,
+    ROOT,
+    UNHURRIED,
+    another_engine,
+    cell_with,
+    cellctl,
+    child,
+    controller_states,
+    only_run,
+    touches_procedure,
+    unhurried,
+)
 
 pytestmark = pytest.mark.campaign
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from cell_runs import UNHURRIED, cell_with, faults, run_here, touches_procedure
 
 from cellctl.engine import State
 from cellctl.journal import InterlockChanged, StepEnded, read_journal
+from tests.helpers.runs import UNHURRIED, cell_with, faults, run_here, touches_procedure
 
 pytestmark = pytest.mark.campaign
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import ROOT, cellctl
 
 from cellctl.journal import Journal, Recorded, RunStarted, RunState, SourceFile, StateChanged, fold, read_journal
 from cellctl.operations.replay import Agreement, replay_run
 from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict, DayPoints
 from procedures.steps.iso9283.rows import IsoVerdict, RegistrationRow
+from tests.helpers.runs import ROOT, cellctl
 
 pytestmark = pytest.mark.campaign
 

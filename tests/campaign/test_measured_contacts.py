@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import CELL, UNHURRIED, Ended, busy_machine, cell_with, run_here, touches_procedure, unhurried
-from volumetric import truth
 
 from cellctl.engine import State
+from tests.helpers.runs import CELL, UNHURRIED, Ended, busy_machine, cell_with, run_here, touches_procedure, unhurried
+from tests.helpers.simulated_data import true_points
 
 pytestmark = pytest.mark.campaign
 
@@ -35,7 +35,7 @@ def idle(tmp_path_factory: pytest.TempPathFactory) -> Ended:
 def off_truth(ended: Ended, cell: Path, folder: Path) -> np.ndarray:
     """Distances (N,), mm, from the true mean tip at the measured joints to where the tip was at contact."""
     joints = np.array([row["joints"] for row in ended.touches])
-    measured = truth(cell, 1, joints, folder)
+    measured = true_points(cell, 1, joints, folder)
     contacts = np.array([contact["tcp"] for contact in ended.truth])
     return np.linalg.norm(measured - contacts, axis=1)
 

@@ -9,14 +9,22 @@ import sys
 from pathlib import Path
 
 import pytest
-from cell_runs import ROOT
-from child_process import child
-from corrected_cells import HEAVY_CELL, simulated_robot
-from correcting_engine import HERE, MODEL, PERCENT, THERE, corrected_from_here, there_and_back
-from online_models import wavy_model
-from watched_cell import watched_cell, watched_robot
 
 from cellctl.devices import CorrectionModel, DeviceError, DeviceFault, DeviceLost, DeviceRefused
+from tests.helpers.krc import wavy_model
+from tests.helpers.runs import ROOT, child
+from tests.helpers.simulated_robots import (
+    HEAVY_CELL,
+    HERE,
+    MODEL,
+    PERCENT,
+    THERE,
+    corrected_from_here,
+    simulated_robot,
+    there_and_back,
+    watched_cell,
+    watched_robot,
+)
 
 pytestmark = pytest.mark.campaign
 
@@ -118,8 +126,8 @@ import asyncio, json, sys
 sys.path[:0] = sys.argv[3:]
 from pathlib import Path
 from cellctl.operations.cell_devices import SimulatedCell
-from corrected_cells import robot_of
-from correcting_engine import corrected_from_here, there_and_back
+from tests.helpers.simulated_robots import robot_of
+from tests.helpers.simulated_robots import corrected_from_here, there_and_back
 
 async def main():
     simulated = SimulatedCell(None, None, json.loads(sys.argv[2]))
@@ -136,7 +144,7 @@ asyncio.run(main())
 def test_an_engine_killed_in_mid_correction_leaves_a_robot_that_is_held_without_a_leap(tmp_path):
     cell = heavy_with(tmp_path)
     with watched_cell(cell) as watched:
-        given = [str(cell), json.dumps(watched.cell.ready), str(ROOT / "tests" / "helpers"), str(ROOT)]
+        given = [str(cell), json.dumps(watched.cell.ready), str(ROOT)]
         with child([sys.executable, "-c", ENGINE, *given], stdout=subprocess.PIPE, cwd=ROOT) as engine:
             assert engine.stdout
             assert engine.stdout.readline() == b"corrected\n"

@@ -8,15 +8,26 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import CELL, ROOT, SELFCAL, Ended, cell_with, faults, run_here, touches_procedure
-from shared_campaign import SEED, Whole, shared_campaign
-from volumetric import truth
 
 from cellctl.devices import DeviceFault
 from cellctl.engine import State
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, RobotFile, TableFile
 from cellctl.operations.campaign import load_campaign
+from tests.helpers.runs import (
+    CELL,
+    ROOT,
+    SEED,
+    SELFCAL,
+    Ended,
+    Whole,
+    cell_with,
+    faults,
+    run_here,
+    shared_campaign,
+    touches_procedure,
+)
+from tests.helpers.simulated_data import true_points
 
 pytestmark = pytest.mark.campaign
 
@@ -45,7 +56,7 @@ def proved(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 def true_errors(run: Whole, which: str, folder: Path) -> np.ndarray:
     """How far off the distance meant the true mean robot stands at the joints that were arrived at (N,), mm."""
     rows = [row for row in run.journal.data_of("standoff") if row["run"] == which]
-    tips = truth(CELL, SEED, np.array([row["at_target"] for row in rows]), folder)
+    tips = true_points(CELL, SEED, np.array([row["at_target"] for row in rows]), folder)
     centre = next(np.array(contact["centre"]) for contact in run.truth if contact["sphere"] == "P1")
     return np.linalg.norm(tips - centre, axis=1) - REACH_MM - 10.0
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT, cell_with, cellctl, touches_procedure
 
 from cellctl.files import sha256_of
 from cellctl.journal import (
@@ -27,6 +26,7 @@ from cellctl.journal import (
     read_journal,
 )
 from cellctl.operations.launch import code_hash, sources
+from tests.helpers.runs import PATIENCE_S, ROOT, cell_with, cellctl, touches_procedure
 
 pytestmark = pytest.mark.campaign
 

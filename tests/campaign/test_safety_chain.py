@@ -6,10 +6,10 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from cell_runs import cell_with, cellctl, faults, run_here, touches_procedure
 
 from cellctl.engine import Action, Operator, State
 from cellctl.journal import InterlockChanged, fold, read_journal
+from tests.helpers.runs import cell_with, cellctl, faults, run_here, touches_procedure
 
 pytestmark = pytest.mark.campaign
 

@@ -6,9 +6,9 @@ import sys
 from dataclasses import replace
 
 import pytest
-from cell_runs import CELL, PATIENCE_S, ROOT, only_run, touches_procedure
 
 from cellctl.journal import read_journal
+from tests.helpers.runs import CELL, PATIENCE_S, ROOT, only_run, touches_procedure
 
 
 def _events(folder, run, **environment):

@@ -14,13 +14,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import CELL, PATIENCE_S, ROOT, SELFCAL, cellctl, only_run
-from child_process import child
-from shared_campaign import SEED, Whole, campaign, shared_campaign
-from volumetric import volumetric_errors
 
 from cellctl.formats import ModelFile
 from cellctl.journal import StepStarted, fold, read_journal
+from tests.helpers.runs import (
+    CELL,
+    PATIENCE_S,
+    ROOT,
+    SEED,
+    SELFCAL,
+    Whole,
+    campaign,
+    cellctl,
+    child,
+    only_run,
+    shared_campaign,
+)
+from tests.helpers.simulated_data import volumetric_errors
 
 pytestmark = pytest.mark.campaign
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from cell_runs import UNHURRIED, cell_with, run_here, touches_procedure
 
 from cellctl.cli.ends import Exit
 from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.engine import State
 from cellctl.operations.run_folder import result_of
+from tests.helpers.runs import UNHURRIED, cell_with, run_here, touches_procedure
 
 IDENTIFY = """  - {id: identify, do: sphere.identify, with: {model: geometry}, timeout: 300}
 cleanup:"""

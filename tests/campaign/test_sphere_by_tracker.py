@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import cellctl
 
 from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
 from procedures.steps.by_tracker.rows import ByTrackerVerdict, JudgedPosesRow
+from tests.helpers.runs import cellctl
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import ROOT, cell_with, cellctl
-from volumetric import truth
 
 from cellctl.formats import RobotFile
 from cellctl.journal import fold, read_journal
 from cellctl.metrology.four_point import tips
 from cellctl.operations.replay import Agreement, replay_run
 from procedures.steps.tool.rows import ToolTouchRow, ToolVerdict
+from tests.helpers.runs import ROOT, cell_with, cellctl
+from tests.helpers.simulated_data import true_points
 
 pytestmark = pytest.mark.campaign
 
@@ -35,7 +35,7 @@ def test_on_a_robot_with_a_wrong_tool_alone_the_true_tool_is_found_and_replay_fi
     robot = RobotFile.load(ROOT / "procedures" / "robots" / "kr5_r1400.yaml")
     readings = np.array([row.joints for row in rows])
     flanges = robot.chain().forward_flange(robot.joint_map().model(readings))
-    off = tips(flanges, np.array(verdict.tool.found)) - truth(cell, 1, readings, tmp_path)
+    off = tips(flanges, np.array(verdict.tool.found)) - true_points(cell, 1, readings, tmp_path)
     assert np.abs(off).max() < 4 * max(verdict.tool.sigma) < 0.3
     again = replay_run(run)
     assert again.agreement is Agreement.EXACT

@@ -3,8 +3,9 @@
 import json
 
 import pytest
-from cell_runs import cellctl
-from tracker_runs import FEW, PROCEDURE, cell_of
+
+from tests.helpers.runs import cellctl
+from tests.helpers.tracker import FEW, PROCEDURE, cell_of
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_runs import ROOT, Ended
 from scipy import stats
-from tracker_runs import CELL, run, verdict_of
-from tracker_truth import Truth, found_frames, frame_errors, true_frames
 
 from cellctl.engine import State
 from procedures.steps.tracker.rows import FramesRow, MonumentsRow, PoseRow
+from tests.helpers.runs import ROOT, Ended
+from tests.helpers.tracker import CELL, Truth, found_frames, frame_errors, run, true_frames, verdict_of
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import ROOT, Ended, run_here
-from tracker_runs import cell_of, procedure_of
-from tracker_truth import Truth
 
 from cellctl.calibration import Split, fit
 from cellctl.engine import State
 from cellctl.formats import DataSet, RobotFile
 from cellctl.formats.measurements import measurements
 from procedures.steps.tracker.rows import PoseRow
+from tests.helpers.runs import ROOT, Ended, run_here
+from tests.helpers.tracker import Truth, cell_of, procedure_of
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

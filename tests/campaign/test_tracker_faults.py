@@ -8,8 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import run_here
-from tracker_runs import (
+
+from cellctl.devices import DeviceError
+from cellctl.engine import Mailbox, State
+from cellctl.journal import InterlockChanged, StepEnded, fold, read_journal
+from cellctl.operations.cell_devices import SimulatedCell
+from cellctl.records import TableStateRow
+from cellctl.report import write_report
+from procedures.steps.tracker.rows import ConstantRow, MonumentsRow, PoseRow, ReturnRow, SetUpRow, TurnRow
+from tests.helpers.runs import run_here
+from tests.helpers.tracker import (
     assert_ended_safely,
     assert_resumable,
     cell_of,
@@ -20,14 +28,6 @@ from tracker_runs import (
     told,
     verdict_of,
 )
-
-from cellctl.devices import DeviceError
-from cellctl.engine import Mailbox, State
-from cellctl.journal import InterlockChanged, StepEnded, fold, read_journal
-from cellctl.operations.cell_devices import SimulatedCell
-from cellctl.records import TableStateRow
-from cellctl.report import write_report
-from procedures.steps.tracker.rows import ConstantRow, MonumentsRow, PoseRow, ReturnRow, SetUpRow, TurnRow
 
 pytestmark = pytest.mark.campaign
 

@@ -10,11 +10,10 @@ import time
 from pathlib import Path
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT, cellctl, faults, only_run
-from child_process import child
 
 from cellctl.files import parse_yaml
 from cellctl.journal import InterlockChanged, RunResumed, StepStarted, fold, read_journal
+from tests.helpers.runs import PATIENCE_S, ROOT, cellctl, child, faults, only_run
 
 pytestmark = pytest.mark.campaign
 

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import CELL, PATIENCE_S, ROOT, cell_with, only_run, touches_procedure
-from child_process import child
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
@@ -26,6 +24,7 @@ from cellctl.operations.cell_devices import SimulatedCell
 from cellctl.operations.launch import Options, run_on
 from cellctl.operations.table_history import TableHistory
 from cellctl.records import TablePushRow, TableStateRow
+from tests.helpers.runs import CELL, PATIENCE_S, ROOT, cell_with, child, only_run, touches_procedure
 
 pytestmark = pytest.mark.campaign
 

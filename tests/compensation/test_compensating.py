@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from kr5_links import KR5_LINKS
-from kr5_table import KR5_TABLE
 
 from cellctl.calibration import RobotModel, ToolDeflection, gauge_fixed, sigma_among
 from cellctl.compensation import compensate, postures, with_geometry
 from cellctl.kinematics import Link, SerialChain, pose_from_xyz_abc
+from tests.helpers.arms import KR5_LINKS
+from tests.helpers.own_model import KR5_TABLE
 
 TOOL = ([59.9, 50.5, 410.3], [38.8, 3.6, 0.0])
 ERRORS = {

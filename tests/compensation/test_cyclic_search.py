@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kr5_model import ROBOT
 
 from cellctl.calibration import RobotModel
 from cellctl.compensation import METHODS, compensate
@@ -13,8 +12,9 @@ from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging
 from cellctl.error_maps.perceptron import Perceptron
 from cellctl.formats import RobotFile
 from cellctl.kinematics import pose_difference
+from tests.helpers.arms import KR5_FILE
 
-CHAIN = RobotFile.load(ROBOT).chain()
+CHAIN = RobotFile.load(KR5_FILE).chain()
 ACTUAL = CHAIN.with_parameters({"theta2": 0.003, "a2": -0.7, "d4": 0.8, "alpha4": 0.0009})
 START = np.radians([[0.0, -60.0, 80.0, 10.0, 60.0, 20.0], [20.0, -70.0, 90.0, -15.0, 50.0, 5.0]])
 TARGETS = CHAIN.forward(START)

@@ -4,13 +4,13 @@ import itertools
 
 import numpy as np
 import pytest
-from kr5_links import KR5_LINKS
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Harmonics, RobotModel
 from cellctl.compensation import compensate
 from cellctl.compensation.paths import SINGULAR, Arc, Line, deviations, divided, posture_at
 from cellctl.kinematics import SerialChain, inverse, pose, pose_from_xyz_abc
+from tests.helpers.arms import KR5_LINKS
 
 TOOL = ([59.9, 50.5, 410.3], [38.8, 3.6, 0.0])
 ERRORS = {"theta2": 0.003, "theta3": -0.004, "theta5": 0.004, "d4": 0.8, "a2": -0.7, "alpha4": 0.002, "tool_y": -1.1}

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from kr5_model import ROBOT
 
 from cellctl.compensation.postures import stated_posture
 from cellctl.formats import RobotFile
 from cellctl.kinematics.controller_readings import status_of, turn_of
+from tests.helpers.arms import KR5_FILE
 
-FILE = RobotFile.load(ROBOT)
+FILE = RobotFile.load(KR5_FILE)
 CHAIN, JOINTS, LIMITS = FILE.chain(), FILE.joint_map(), FILE.limits()
 FAR = np.zeros(6)
 

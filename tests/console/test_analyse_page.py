@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from console_process import browser, console_process
 from playwright.sync_api import expect
 
 from cellctl.formats import ModelFile
 from cellctl.kinematics import abc_from_rotation
+from tests.helpers.console import browser, console_process
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
 JOINTS = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]

@@ -9,7 +9,6 @@ from typing import Any
 
 import httpx
 import pytest
-from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.console.commands import all_audited
 from cellctl.console.server import api_app, guarded, new_console
@@ -17,6 +16,7 @@ from cellctl.console.shared import Settings
 from cellctl.journal.journal_file import WriterLock
 from cellctl.operations import analyses
 from cellctl.operations.exporting import ExportOptions, exported, read_source
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
 INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
 COMMANDS = {"authorization": "Bearer secret", "x-operator": "Ada"}

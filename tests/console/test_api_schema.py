@@ -11,17 +11,17 @@ from typing import Any
 import httpx
 import pytest
 import schemathesis
-from console_process import ConsoleProcess, console_process
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from hypothesis.errors import Unsatisfiable
-from live_journals import WrittenRun
 from schemathesis import Case, GenerationMode
 from schemathesis.checks import not_a_server_error
 from schemathesis.specs.openapi import checks
 
 from cellctl.clock import WallClock
 from cellctl.operations import analyses
+from tests.helpers.console import ConsoleProcess, console_process
+from tests.helpers.engine import WrittenRun
 
 EXAMPLES = 3
 """Of each route, for content that the document allows and for content that it does not."""

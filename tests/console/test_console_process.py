@@ -10,7 +10,8 @@ from pathlib import Path
 import httpx
 import nicegui
 import pytest
-from console_process import ConsoleProcess, browser, console_process
+
+from tests.helpers.console import ConsoleProcess, browser, console_process
 
 
 @pytest.fixture(scope="module")

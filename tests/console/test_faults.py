@@ -10,10 +10,10 @@ from urllib.parse import quote
 
 import httpx
 import pytest
-from console_process import ConsoleProcess, console_process
-from finished_runs import run_in
 
 from cellctl.clock import WallClock
+from tests.helpers.console import ConsoleProcess, console_process
+from tests.helpers.journals import run_in
 
 HOSTILE = """<img src=x onerror="hacked=1">' "quoted" #?&%41;"""
 """The name of a run that a program or person put into the folder."""

@@ -12,15 +12,14 @@ from urllib.parse import quote
 
 import httpx
 import pytest
-from cell_runs import confirmed_touches
-from console_process import ConsoleProcess, browser, console_process
-from finished_runs import run_in
-from live_journals import WrittenRun
-from scene_journals import touch_run
 
 from cellctl.clock import WallClock
 from cellctl.console.look import COLOURS
 from cellctl.journal import Journal, OperatorAction, read_journal
+from tests.helpers.console import ConsoleProcess, browser, console_process
+from tests.helpers.engine import WrittenRun
+from tests.helpers.journals import run_in, touch_run
+from tests.helpers.runs import confirmed_touches
 
 HOSTILE = """<img src=x onerror="window.hacked=1">' innerHTML="<b>" #?&%41;"""
 PATIENCE_MS = 60_000

@@ -7,10 +7,9 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-import job_worker
-
 from cellctl.console.jobs import Job, Jobs
 from cellctl.files import Problem
+from tests.helpers import job_worker
 
 T = TypeVar("T")
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cell_runs import confirmed_touches, only_run
-from console_process import browser, console_process
 
 from cellctl.journal import OperatorAction, fold, read_journal
+from tests.helpers.console import browser, console_process
+from tests.helpers.runs import confirmed_touches, only_run
 
 PATIENCE_MS = 120_000
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from live_journals import WrittenRun, registry
 
 from cellctl.console.live import LiveRun, Snapshot
 from cellctl.console.live._run import LogLine
@@ -26,6 +25,7 @@ from cellctl.journal import (
     last_number,
 )
 from cellctl.procedure import Parameter, ParameterType
+from tests.helpers.engine import WrittenRun, registry
 
 AGAIN = "ontinue it with `cellctl run test.yaml --resume run-1`"
 HELD = "The robot is held. 0 measurements are recorded."

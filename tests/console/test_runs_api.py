@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from api_client import TOKEN, ApiClient, api_client
-from finished_runs import run_in
-from kr5_model import ERRORS, kr5_model
 
 from cellctl.console.commands import all_audited
+from tests.helpers.arms import KR5_ERRORS, kr5_model
+from tests.helpers.console import TOKEN, ApiClient, api_client
+from tests.helpers.journals import run_in
 
 COMMAND = {"Authorization": f"Bearer {TOKEN}", "X-Operator": "Kim"}
 
@@ -25,7 +25,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (outside / "secret.txt").write_text("not for the browser")
     for month, a4 in ((9, 0.0), (10, 0.1), (11, 0.2)):
         place = run_in(folder, f"sphere-{month}", f"2026-{month:02d}-01", "925185")
-        kr5_model(errors={**ERRORS, "a4": a4}).save(place / "model.json")
+        kr5_model(errors={**KR5_ERRORS, "a4": a4}).save(place / "model.json")
     (place / "report.html").write_text("<h1>Report</h1><script>alert(1)</script>")
     (place / "link.txt").symlink_to(outside / "secret.txt")
     (place / ".hidden").write_text("hidden")

@@ -9,13 +9,12 @@ from typing import Any
 
 import httpx
 import pytest
-from console_process import ConsoleProcess, browser, console_process
-from daily_checks import check
-from finished_runs import run_in
-from kr5_model import ERRORS, kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
+from tests.helpers.arms import KR5_ERRORS, kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.console import ConsoleProcess, browser, console_process
+from tests.helpers.journals import check, run_in
 
 pytestmark = pytest.mark.long
 
@@ -35,7 +34,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleProcess]
     runs.mkdir()
     for month, a4 in ((10, 0.0), (11, 0.5)):
         place = run_in(runs, f"sphere-{month}", f"2026-{month}-01", SERIAL, cell="sphere_cell")
-        kr5_model(errors={**ERRORS, "a4": a4}).save(place / "model.json")
+        kr5_model(errors={**KR5_ERRORS, "a4": a4}).save(place / "model.json")
     (place / "report.html").write_text("<h1>The report of this run</h1><script>document.title = 'script ran'</script>")
     (place / "targets.csv").write_text(targets_csv(readings_near_the_middle(8)))
     table = ("--serial", SERIAL, "-o", place / "table.json")

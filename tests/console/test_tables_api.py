@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from api_client import TOKEN, ApiClient, api_client
-from finished_runs import run_in
-from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
@@ -17,6 +14,9 @@ from cellctl.console.shared import console
 from cellctl.formats import TableFile
 from cellctl.operations.table import TableRecorder
 from cellctl.operations.table_history import TableHistory
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.console import TOKEN, ApiClient, api_client
+from tests.helpers.journals import run_in
 
 SERIAL = "SIM-4711"
 CELL = Path(__file__).parents[2] / "procedures" / "cells" / "sphere_cell.yaml"

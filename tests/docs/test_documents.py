@@ -13,8 +13,6 @@ from typing import Any
 
 import pytest
 import yaml
-from cell_runs import CELL, ROOT, cellctl
-from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 from typer.testing import CliRunner
 
 from cellctl.cli.verbs import app
@@ -25,6 +23,8 @@ from cellctl.formats import RobotFile, load_artefact
 from cellctl.formats.cell_sections import currents_of
 from cellctl.formats.load import load_of
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.runs import CELL, ROOT, cellctl
 
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
 DATA = ROOT.parent / "shared" / "data"

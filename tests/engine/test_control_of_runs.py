@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import CALLS, LOOP, FakeDevice, FakeGate, FakeRobot, engine_for, events_of
 
 from cellctl.clock import WallClock
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused
@@ -28,6 +27,7 @@ from cellctl.journal import (
     read_journal,
 )
 from cellctl.operations.launch import uncertainty
+from tests.helpers.engine import CALLS, LOOP, FakeDevice, FakeGate, FakeRobot, engine_for, events_of
 
 PATIENCE_S = 60.0
 ME = Operator("maria", "cell-pc", "cli")

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import CALLS, LOOP, AttemptRow, DoubledRow, FakeDevice, FakeGate, FakeRobot, engine_for, events_of
 
 from cellctl.devices import DeviceLost, Health, NoContact
 from cellctl.engine import ENDS, TRANSITIONS, Aborted, Engine, IllegalTransition, Mailbox, NobodyWatching, State
@@ -23,6 +22,17 @@ from cellctl.journal import (
     StepStarted,
     fold,
     read_journal,
+)
+from tests.helpers.engine import (
+    CALLS,
+    LOOP,
+    AttemptRow,
+    DoubledRow,
+    FakeDevice,
+    FakeGate,
+    FakeRobot,
+    engine_for,
+    events_of,
 )
 
 

@@ -6,8 +6,6 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-from engine_runs import engine_for, known_procedure, started
-
 from cellctl.engine import Operator
 from cellctl.engine.status import RunProgress
 from cellctl.engine.step_tree import Node
@@ -23,6 +21,7 @@ from cellctl.journal import (
     Writer,
     read_journal,
 )
+from tests.helpers.engine import engine_for, known_procedure, started
 
 WRITER = Writer("1", "2026-11-22T10:00:00Z", "cellctl run")
 STEPS = """

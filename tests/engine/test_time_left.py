@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import LOOP, engine_for, known_procedure
 
 from cellctl.engine import Engine, Mailbox, Passes, State
 from cellctl.engine.status import RunProgress
 from cellctl.journal import Journal, RunResumed, RunStarted, SourceFile, StepStarted, Writer, fold, read_journal
+from tests.helpers.engine import LOOP, engine_for, known_procedure
 
 NESTED = """
   - id: outer

@@ -1,13 +1,9 @@
 """A KR5 with errors of links and zeros: its position errors at random postures."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
-from kr5_model import kr5_model
+from tests.helpers.arms import kr5_model
 
 NOISE_MM = 0.01
 

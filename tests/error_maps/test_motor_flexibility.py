@@ -4,17 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from kr5_model import ROBOT
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cellctl.error_maps.motor_flexibility import FlexibilityNetwork, MotorFlexibility, tcp_errors
 from cellctl.error_maps.perceptron import Perceptron
 from cellctl.error_maps.samples import UnusableSamples
 from cellctl.formats import RobotFile
+from tests.helpers.arms import KR5_FILE
 
 TRUE = np.array([1.2e-4, 2.5e-4, 1.8e-4, 0.9e-4, 1.5e-4, 0.6e-4])
 SIGMA_MM = 0.02
-CHAIN = RobotFile.load(ROBOT).chain()
+CHAIN = RobotFile.load(KR5_FILE).chain()
 MIDDLE = np.deg2rad([0.0, -70.0, 80.0, 0.0, 60.0, 0.0])
 
 

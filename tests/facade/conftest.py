@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from elbow_arm import ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 import cellctl
 from cellctl.files import parse_yaml
 from cellctl.formats import RobotFile
+from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +21,7 @@ def columns():
 @pytest.fixture
 def files(tmp_path, columns, monkeypatch):
     """`robot.yaml` and `data.csv` in the working folder."""
-    (tmp_path / "robot.yaml").write_text(ROBOT)
+    (tmp_path / "robot.yaml").write_text(ELBOW_ROBOT)
     (tmp_path / "data.csv").write_text(csv_text(columns))
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -30,5 +30,5 @@ def files(tmp_path, columns, monkeypatch):
 @pytest.fixture(scope="session")
 def model(columns):
     """The arm's geometry, fitted once for all tests."""
-    robot = RobotFile.from_document(parse_yaml(ROBOT, "robot.yaml"))
+    robot = RobotFile.from_document(parse_yaml(ELBOW_ROBOT, "robot.yaml"))
     return cellctl.fit(robot, columns, model="geometry")

@@ -4,9 +4,9 @@ import sys
 
 import numpy as np
 import pytest
-from elbow_arm import ElbowArm
 
 import cellctl
+from tests.helpers.arms import ElbowArm
 
 
 def test_a_robot_of_the_library_by_name_by_path_and_from_memory():

@@ -5,15 +5,14 @@ import json
 
 import numpy as np
 import pytest
-from elbow_model import cellctl as command
-from elbow_model import printed_errors
-from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 import cellctl
 from cellctl.files import InputError
 from cellctl.formats import TableFile
 from cellctl.operations.compensating import learnt_on
 from cellctl.operations.fit_options import Judging
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import kr5_model, printed_errors, readings_near_the_middle, targets_csv
 
 
 @pytest.fixture

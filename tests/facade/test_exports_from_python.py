@@ -3,11 +3,10 @@
 import warnings
 
 import pytest
-from elbow_model import cellctl as command
-from elbow_model import printed_errors
-from kr5_model import kr5_model
 
 import cellctl
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import kr5_model, printed_errors
 
 
 @pytest.fixture

@@ -3,12 +3,11 @@
 import json
 
 import pytest
-from elbow_model import cellctl as command
-from elbow_model import printed_errors
-from kr5_model import kr5_model
-from krl_seam import position, readings_at, usual_seam
 
 import cellctl
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import kr5_model, printed_errors
+from tests.helpers.krl import position, readings_at, usual_seam
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from elbow_model import cellctl as command
-from elbow_model import printed_errors
 
 import cellctl
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import printed_errors
 
 OPTIONS = [
     ({}, []),

@@ -3,12 +3,12 @@
 import json
 
 import pytest
-from elbow_model import cellctl as command
-from kr5_model import kr5_model, readings_near_the_middle, targets_csv
 
 import cellctl
 from cellctl.files import sha256_of
 from cellctl.journal import DevicesConnected, Journal, Recorded, RunEnded, RunStarted, SourceFile, StateChanged
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
 VERDICT = {
     "verdict": "better",

@@ -6,11 +6,11 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from kr5_model import kr5_model
 
 from cellctl.cli.ends import exit_code_of
 from cellctl.cli.verbs import app
 from cellctl.files.kinds import CELL, DATA_SET, PROCEDURE, ROBOT, kind_of, kind_of_file
+from tests.helpers.arms import kr5_model
 
 SHIPPED = Path(__file__).parents[2] / "procedures"
 DATA = "A1,A2,A3,A4,A5,A6,X,Y,Z\n0,-90,90,0,45,0,1,2,3\n"

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from own_kinematics import assert_same_pose, forward_of_dh_table, forward_of_robot_file, forward_of_urdf
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
@@ -16,6 +15,7 @@ from cellctl.formats.dh_table import dh_table_text, load_dh_table
 from cellctl.formats.model import JointRegion, Parameter
 from cellctl.formats.urdf import load_urdf, urdf_text
 from cellctl.kinematics import JointAxis, SerialChain, pose_from_xyz_abc
+from tests.helpers.own_model import assert_same_pose, forward_of_dh_table, forward_of_robot_file, forward_of_urdf
 
 ROBOTS = Path(__file__).parents[2] / "procedures" / "robots"
 FORMS = {"mdh-hayati": "yaml", "dh-craig": "yaml", "poe": "yaml", "urdf": "urdf", "dh-csv": "csv"}

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from own_kinematics import assert_same_pose, forward_of_dh_table
 
 from cellctl.files import InputError
 from cellctl.formats.dh_table import load_dh_table
+from tests.helpers.own_model import assert_same_pose, forward_of_dh_table
 
 TABLE = """\
 joint,convention,alpha,a,d,theta,beta,sign,offset,X,Y,Z,A,B,C

@@ -7,8 +7,6 @@ import re
 
 import numpy as np
 import pytest
-from own_kinematics import forward_of_robot_file, kuka_frame
-from perturbed_models import ROBOTS, by_axes, library_robot, model_of, perturbed
 
 from cellctl.calibration.effects._backlash import Backlash
 from cellctl.calibration.effects._compliance import JointCompliance
@@ -20,6 +18,8 @@ from cellctl.formats.load import LoadRegion
 from cellctl.formats.table_making import nominal_chain
 from cellctl.kinematics import abc_from_rotation, inverse_pose
 from cellctl.krl._krl_file import KrlFile
+from tests.helpers.arms import ROBOTS, by_axes, library_robot, model_of, perturbed
+from tests.helpers.own_model import forward_of_robot_file, kuka_frame
 
 ZEROS_DEG = [0.0, 0.31, -0.22, 0.4, -0.17, 0.0]
 REGION = [[-60.0, -120.0, -20.0, -90.0, -80.0, -90.0], [60.0, -40.0, 100.0, 90.0, 80.0, 90.0]]

@@ -6,14 +6,14 @@ import re
 
 import numpy as np
 import pytest
-from own_kinematics import assert_same_pose, forward_of_dh_table, forward_of_urdf
-from perturbed_models import by_axes, library_robot, perturbed
 
 from cellctl.files import InputError
 from cellctl.formats.description import JointSaid, RobotDescription
 from cellctl.formats.dh_table import dh_table_text
 from cellctl.formats.urdf import urdf_text
 from cellctl.kinematics import JointAxis, SerialChain
+from tests.helpers.arms import by_axes, library_robot, perturbed
+from tests.helpers.own_model import assert_same_pose, forward_of_dh_table, forward_of_urdf
 
 URS = ["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e"]
 

@@ -6,8 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from own_kinematics import X, Y, Z, assert_same_pose, slide, turn
-from perturbed_models import by_axes, library_robot, perturbed
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
@@ -15,6 +13,8 @@ from cellctl.files import InputError
 from cellctl.formats.description import RobotDescription
 from cellctl.formats.exports import hash_of, ur_calibration
 from cellctl.kinematics import Link, SerialChain
+from tests.helpers.arms import by_axes, library_robot, perturbed
+from tests.helpers.own_model import X, Y, Z, assert_same_pose, slide, turn
 
 URS = ["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e"]
 LINKS = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]

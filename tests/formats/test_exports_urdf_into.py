@@ -4,8 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from own_kinematics import assert_same_pose, forward_of_urdf, slide, turn
-from perturbed_models import library_robot, perturbed
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
@@ -13,6 +11,8 @@ from cellctl.files import InputError
 from cellctl.formats.description import RobotDescription
 from cellctl.formats.exports import urdf_into
 from cellctl.kinematics import inverse_pose
+from tests.helpers.arms import library_robot, perturbed
+from tests.helpers.own_model import assert_same_pose, forward_of_urdf, slide, turn
 
 KR5 = """\
 <?xml version="1.0" encoding="iso-8859-1"?>

@@ -4,8 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from own_kinematics import forward_of_dh_table, forward_of_robot_file, forward_of_urdf
-from perturbed_models import library_robot, model_of
 
 from cellctl.calibration.effects._backlash import Backlash
 from cellctl.calibration.effects._compliance import JointCompliance
@@ -13,6 +11,8 @@ from cellctl.cli.verbs import app
 from cellctl.formats.description import RobotDescription, robot_text
 from cellctl.formats.exports import Cost, fitted_geometry, measured_postures
 from cellctl.formats.table_making import nominal_chain
+from tests.helpers.arms import library_robot, model_of
+from tests.helpers.own_model import forward_of_dh_table, forward_of_robot_file, forward_of_urdf
 
 REGION = [[-90.0, -120.0, 20.0, -160.0, -150.0, -90.0], [30.0, -40.0, 120.0, 0.0, -40.0, 60.0]]
 NARROW = [[-10.0, -100.0, 60.0, -80.0, -100.0, -20.0], [10.0, -80.0, 80.0, -60.0, -80.0, 20.0]]

@@ -2,27 +2,27 @@
 
 import json
 
-import elbow_arm
 import numpy as np
 import pytest
 import yaml
-from elbow_arm import csv_text, joints_and_places
 from numpy.testing import assert_allclose
 
 from cellctl.calibration import Split, fit, predict
 from cellctl.files import InputError
 from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
 from cellctl.formats.fit_report import wide
+from tests.helpers import arms
+from tests.helpers.arms import csv_text, joints_and_places
 
-ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))
-LOW, HIGH = elbow_arm.LOWER, elbow_arm.UPPER
+ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
+LOW, HIGH = arms.ELBOW_LOWER, arms.ELBOW_UPPER
 
 
 def tip(readings):
     """Where the arm's tip is (N, 3), mm: its links are off, and it leans by up to 0.3 mm as no link of a table can."""
     turn, shoulder, elbow = np.radians(readings).T
     lean = np.stack([np.sin(2.0 * turn + shoulder), np.cos(turn * elbow), np.sin(turn * shoulder)], axis=1)
-    return elbow_arm.ElbowArm().tcp(readings) + 0.3 * lean
+    return arms.ElbowArm().tcp(readings) + 0.3 * lean
 
 
 def measured_and_fitted(terms):

@@ -4,7 +4,6 @@ import csv
 import io
 
 import pytest
-from krl_programs import Krl
 
 from cellctl.files import InputError
 from cellctl.formats import TableFile
@@ -12,6 +11,7 @@ from cellctl.formats.robot import Tool
 from cellctl.formats.table import TableRegion, TableRobot, TableSource, table_rows
 from cellctl.formats.table_export import krl_module, module_name, nominal_name, targets_csv
 from cellctl.krl import Control, KrlFile
+from tests.helpers.krl import Krl
 
 
 def table(rows=3, *, joints=6, serial="925185", simulated=False, name="KUKA KR5 R1400"):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from kr5_model import kr5_model, readings_near_the_middle
 
 import cellctl.formats.table
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, TableFile, compensated_targets, table_of, table_problems
 from cellctl.formats.table_making import nominal_chain
+from tests.helpers.arms import kr5_model, readings_near_the_middle
 
 CREATED = "2026-11-21T20:00:00Z"
 

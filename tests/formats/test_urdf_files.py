@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from own_kinematics import assert_same_pose, forward_of_urdf
 
 from cellctl.files import InputError
 from cellctl.formats.urdf import load_urdf
+from tests.helpers.own_model import assert_same_pose, forward_of_urdf
 
 ARM = """\
 <?xml version="1.0"?>

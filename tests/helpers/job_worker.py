@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 if __name__ == "__main__":
-    sys.path.append(str(Path(__file__).parent))
+    sys.path.append(str(Path(__file__).parents[2]))
 
 from cellctl.files import InputError, Problem
 from cellctl.operations.worker import Tell, main
@@ -57,4 +57,4 @@ def write_later(request: dict[str, Any], tell: Tell) -> None:
 
 if __name__ == "__main__":
     names = ("count", "refuse", "break_down", "wait_for_ever", "write_later")
-    sys.exit(main({name: f"job_worker:{name}" for name in names}))
+    sys.exit(main({name: f"tests.helpers.job_worker:{name}" for name in names}))

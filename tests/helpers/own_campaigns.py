@@ -1,7 +1,7 @@
 """A robot of the tests' own, measured in every way there is, and what cellctl makes of that; mm and rad.
 
 The robot is a KR5 with errors from the prior, its tool somewhere near where it was taught, at a place that nobody
-knows. Truth and measurements are `own_arm`'s; `Campaign` hands them on as rows, and `shape_error` judges a model.
+knows. Truth and measurements are `own_model`'s; `Campaign` hands them on as rows, and `shape_error` judges a model.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from own_arm import Floats, OwnArm, kr5, pose_of, small_motion
 from scipy.spatial.transform import Rotation
-from simulated_setups import KR5_REGION, KR5_SIGNS, erroneous
 
 from cellctl.calibration import (
     Estimate,
@@ -27,6 +25,8 @@ from cellctl.calibration import (
     sigma_among,
 )
 from cellctl.kinematics import Link, SerialChain
+from tests.helpers.own_model import Floats, OwnArm, kr5, pose_of, small_motion
+from tests.helpers.simulated_setups import KR5_REGION, KR5_SIGNS, erroneous
 
 Indices: TypeAlias = NDArray[np.intp]
 

@@ -1,14 +1,14 @@
-"""A page with scene and charts of a made run, which a button continues. Usage: python scene_page.py PORT."""
+"""A page with scene and charts of a made run, which a button continues. Argument: the port."""
 
 from __future__ import annotations
 
 import sys
 
 from nicegui import ui
-from scene_journals import residuals_row, touch_run
 
 from cellctl.console.scene import charts_view, scene_of, scene_view, series_of
 from cellctl.journal import RunState
+from tests.helpers.journals import residuals_row, touch_run
 
 PLANNED, FIRST = 30, 20
 

@@ -2,20 +2,35 @@
 
 SPH: the KR5 touches three spheres of certified spacing. Positions: a tracker sees a reflector on a UR10. Poses: a
 tracker sees a six-dimensional target on a KR5. Where instrument and target are, nobody knows.
+
+`fixed`: positions measured with the tool in one or two orientations only, as many a program leaves them. `MISJUDGED`:
+draws whose fit gets something wrong: noise scale, tolerances of the robot, outliers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from own_arm import Floats, OwnArm, kr5, pose_of, small_motion, ur10
-from own_effects import JointErrors
-from own_posterior import OwnPrior
-from own_rows import OwnPoses, OwnPositions, OwnRows, OwnTouches, between
 from scipy.spatial.transform import Rotation
+
+from tests.helpers.own_model import (
+    Floats,
+    JointErrors,
+    OwnArm,
+    OwnPoses,
+    OwnPositions,
+    OwnPrior,
+    OwnRows,
+    OwnTouches,
+    between,
+    kr5,
+    pose_of,
+    small_motion,
+    ur10,
+)
 
 SIGMA_MM = 0.03
 SIGMA_RAD = 1e-4
@@ -25,11 +40,18 @@ REACH = 61.4 / 2 + 0.6
 ROWS = 50
 ASKED = 40
 NOTHING: Mapping[str, float] = MappingProxyType({})
-
 KR5_SIGNS = np.array([-1, 1, 1, -1, 1, -1])
 KR5_REGION = np.radians([[-90, -110, 40, -90, -80, -120], [90, -40, 120, 90, 80, 120]])
 UR10_REGION = np.radians([[-120, -130, 30, -150, -140, -170], [120, -30, 120, 0, -30, 170]])
 TOUCHED_REGION = np.radians([[-40, -110, 40, -90, 10, -90], [40, -40, 120, 90, 90, 90]])
+
+DOWN = np.radians([0.0, -100.0, 110.0, -100.0, -90.0, 20.0])
+"""A UR10 with its tool pointing down, in the middle of where it works."""
+FIXED_ROWS, FIXED_ASKED = 45, 20
+UPRIGHT = Rotation.identity()
+TILTED = Rotation.from_euler("x", 40.0, degrees=True)
+
+WILD_ROWS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +109,6 @@ def poses(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors 
 
 
 SETUPS: dict[str, Callable[..., Draw]] = {"SPH": sph, "positions": positions, "poses": poses}
-
 OUTSIDE: dict[str, dict[str, float]] = {
     "joint zeros by 1°": {"theta2": np.radians(1.0), "theta3": -np.radians(1.0), "theta5": np.radians(1.0)},
     "links by 3 mm": {"a2": 3.0, "d4": -3.0},
@@ -158,3 +179,91 @@ def _touching(rng: np.random.Generator, truth: OwnArm, centres: Floats) -> Float
         q[left[good]] = found[good]
         left = left[~good]
     return q
+
+
+def fixed(seed: int, turns: Sequence[Rotation]) -> tuple[Draw, Floats]:
+    """45 points of a UR10 within 0.6 m, its tool turned from straight down by each of `turns` in turn, as its
+    controller commands it, asked at the same; and angles (20, 6) at which the tool is turned by up to 40° otherwise.
+    """
+    rng = np.random.default_rng([seed, 5])
+    q, same = _angles(rng, FIXED_ROWS, turns), _angles(rng, FIXED_ASKED, turns)
+    others = [Rotation.from_euler("zyx", rng.uniform(-40.0, 40.0, 3), degrees=True) for _ in range(FIXED_ASKED)]
+    return seen_by_tracker(rng, ur10(), q, same), _angles(rng, FIXED_ASKED, others)
+
+
+def _angles(rng: np.random.Generator, count: int, turns: Sequence[Rotation]) -> Floats:
+    arm, q, left = ur10(), np.zeros((count, 6)), np.arange(count)
+    middle = arm.poses(DOWN[None])[0]
+    while left.size:  # a place that is out of reach in its orientation is drawn again
+        wanted = np.tile(middle, (left.size, 1, 1))
+        wanted[:, :3, 3] += rng.uniform(-300.0, 300.0, (left.size, 3))
+        wanted[:, :3, :3] = np.array([turns[i % len(turns)].as_matrix() @ middle[:3, :3] for i in left.tolist()])
+        q[left] = arm.held(wanted, np.tile(DOWN, (left.size, 1)))
+        left = left[~np.isclose(arm.poses(q[left]), wanted, atol=1e-7).all(axis=(1, 2))]
+    return q
+
+
+def rows_noisier_than_said(draw: Draw, factor: float) -> Draw:
+    """The fit is told σ that are too small by `factor`; certified spacings are as good as their certificate."""
+    match draw.rows:
+        case OwnPoses() as rows:
+            said = replace(rows, sigma_mm=rows.sigma_mm / factor, sigma_rad=rows.sigma_rad / factor)
+            return replace(draw, rows=said)
+        case OwnPositions() | OwnTouches() as rows:
+            return replace(draw, rows=replace(rows, sigma_mm=rows.sigma_mm / factor))
+        case _:
+            raise TypeError(type(draw.rows))
+
+
+def robot_worse_than_said(draw: Draw, factor: float) -> Draw:
+    """The fit is told tolerances of the links and joint zeros that are too tight by `factor`."""
+    told = OwnPrior(
+        link_mm=PRIOR.link_mm / factor,
+        angle_deg=PRIOR.angle_deg / factor,
+        joint_zero_deg=PRIOR.joint_zero_deg / factor,
+    )
+    return replace(draw, told=told)
+
+
+def wild_rows(draw: Draw, how_many: int = WILD_ROWS) -> list[int]:
+    """Which rows `with_wild_rows` makes wild."""
+    return sorted(_rng_of(draw).choice(len(draw.rows.q), how_many, replace=False).tolist())
+
+
+def with_wild_rows(draw: Draw, sigmas: float, how_many: int = WILD_ROWS) -> Draw:
+    """Some rows are off by `sigmas` standard deviations: in a random direction, or along the sphere's normal."""
+    rng = _rng_of(draw)
+    outlying = rng.choice(len(draw.rows.q), how_many, replace=False)
+    away = rng.normal(size=(how_many, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    match draw.rows:
+        case OwnPositions() as rows:
+            xyz = rows.xyz.copy()
+            xyz[outlying] += sigmas * rows.sigma_mm * away
+            return replace(draw, rows=replace(rows, xyz=xyz))
+        case OwnPoses() as rows:
+            poses = rows.poses.copy()
+            poses[outlying, :3, 3] += sigmas * rows.sigma_mm * away
+            return replace(draw, rows=replace(rows, poses=poses))
+        case OwnTouches() as rows:
+            q, tips = rows.q.copy(), draw.truth.points(rows.q)[outlying]
+            normal = (tips - draw.centres[rows.sphere[outlying]]) / rows.reach
+            q[outlying] = draw.truth.reaching(
+                tips + sigmas * rows.sigma_mm * np.sign(away[:, :1]) * normal, q[outlying]
+            )
+            return replace(draw, rows=replace(rows, q=q))
+        case _:
+            raise TypeError(type(draw.rows))
+
+
+def _rng_of(draw: Draw) -> np.random.Generator:
+    return np.random.default_rng([len(draw.rows.q), int(draw.asked[0, 0] * 1e6) % 2**31])
+
+
+MISJUDGED: dict[str, Callable[[Draw], Draw]] = {
+    "rows 1.5 × noisier than stated": lambda draw: rows_noisier_than_said(draw, 1.5),
+    "rows 3 × noisier than stated": lambda draw: rows_noisier_than_said(draw, 3.0),
+    "robot 2 × less accurate than stated": lambda draw: robot_worse_than_said(draw, 2.0),
+    "3 outliers in 50, 6 σ": lambda draw: with_wild_rows(draw, 6.0),
+    "3 outliers in 50, 15 σ": lambda draw: with_wild_rows(draw, 15.0),
+}

@@ -16,7 +16,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from child_process import child
 
 from cellctl.journal import (
     DevicesConnected,
@@ -38,6 +37,7 @@ from cellctl.journal import (
     is_being_written,
     read_journal,
 )
+from tests.helpers.runs import child
 
 EVERY_KIND = [
     RunStarted(

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sphere_rows import reference, sphere_verdict, standoff, touch
 
 from cellctl.files import InputError
 from cellctl.journal import (
@@ -24,6 +23,7 @@ from cellctl.journal import (
 )
 from cellctl.records import ArtefactRow, BadRow, Row, TablePushRow, TableStateRow, VerdictRow
 from procedures.steps.sphere.rows import LocateRow, SphereVerdict, TouchRow
+from tests.helpers.steps import reference, sphere_verdict, standoff, touch
 
 TABLE = TableStateRow("ab" * 32, 30, True, True, True, 0.1)
 ROWS = [

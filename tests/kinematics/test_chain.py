@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kr5_links import KR5_LINKS
 
 from cellctl.kinematics import JointMap, Link, SerialChain, pose_from_xyz_abc
+from tests.helpers.arms import KR5_LINKS
 
 TOOL = pose_from_xyz_abc([59.9, 50.5, 410.3], [38.8, 3.6, 0.0])
 BASE = pose_from_xyz_abc([1200.0, -300.0, 50.0], [130.0, 4.0, -7.0])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kr5_links import KR5_LINKS
 
 from cellctl.kinematics import JointAxis, Link, SerialChain, pose_from_xyz_abc, to_craig, to_mdh, to_poe
+from tests.helpers.arms import KR5_LINKS
 
 UR10 = [
     Link(0, 127.3, 0, np.pi / 2),

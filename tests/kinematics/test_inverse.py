@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from kr5_links import KR5_LINKS
 
 from cellctl.kinematics import Link, SerialChain, inverse, pose_from_xyz_abc
+from tests.helpers.arms import KR5_LINKS
 
 
 @pytest.fixture

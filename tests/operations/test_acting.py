@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from running_campaign import PATIENCE_S, Running
 
 from cellctl.clock import WallClock
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.journal import OperatorAction, fold, read_journal, writer_of
 from cellctl.operations.run_control import act
+from tests.helpers.engine import PATIENCE_S, Running
 
 MARIA = Operator("maria", "tablet", "console")
 

@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from kr5_model import kr5_model, readings_near_the_middle, targets_csv
-from krl_seam import usual_seam
 
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, RobotFile
@@ -19,6 +17,8 @@ from cellctl.operations import analyses
 from cellctl.operations.analyses import FitSettings
 from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis, new_program
 from cellctl.operations.exporting import ExportOptions, exported, read_source
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.krl import usual_seam
 
 INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
 

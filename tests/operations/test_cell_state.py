@@ -6,7 +6,6 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from cell_runs import CELL
 
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
@@ -26,6 +25,7 @@ from cellctl.journal import (
     read_journal,
 )
 from cellctl.operations.cell_state import cell_state, examine_cell, last_examination, last_run_on, run_on
+from tests.helpers.runs import CELL
 
 WHO = {"serial": "925185", "model": "KUKA KR5", "firmware": "8.6", "simulated": True}
 

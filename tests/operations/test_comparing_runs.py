@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from finished_runs import run_in
-from kr5_model import ERRORS, kr5_model
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
@@ -17,13 +15,15 @@ from cellctl.journal import Journal, Recorded, RunStarted, SourceFile
 from cellctl.operations.comparing_models import difference_covariance, model_difference
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.run_list import run_rows
+from tests.helpers.arms import KR5_ERRORS, kr5_model
+from tests.helpers.journals import run_in
 
 SIGMA_MM, SIGMA_RAD = 0.05, 5e-5
 
 
 def model_with(**errors: float) -> ModelFile:
     """The KR5's model with its errors changed: by what a test says, mm and rad."""
-    return kr5_model(errors={**ERRORS, **errors})
+    return kr5_model(errors={**KR5_ERRORS, **errors})
 
 
 def test_the_covariance_of_a_difference_is_that_of_simulated_fits_with_a_common_prior() -> None:
@@ -44,7 +44,7 @@ def test_the_covariance_of_a_difference_is_that_of_simulated_fits_with_a_common_
 
 
 def test_a_changed_parameter_is_significant_and_the_others_are_not() -> None:
-    found = model_difference(model_with(), model_with(d4=ERRORS["d4"] + 0.4))
+    found = model_difference(model_with(), model_with(d4=KR5_ERRORS["d4"] + 0.4))
     first, others = found.parameters[0], found.parameters[1:]
     assert (first.name, first.label, first.unit, first.significant) == ("d4", "d4", "mm", True)
     assert first.difference == pytest.approx(0.4)
@@ -65,7 +65,7 @@ def test_without_a_change_one_comparison_in_twenty_says_that_the_models_differ()
 
 
 def test_angles_are_in_degrees() -> None:
-    found = model_difference(model_with(), model_with(theta2=ERRORS["theta2"] + 1e-3))
+    found = model_difference(model_with(), model_with(theta2=KR5_ERRORS["theta2"] + 1e-3))
     (theta2,) = (each for each in found.parameters if each.name == "theta2")
     assert theta2.unit == "°"
     assert theta2.difference == pytest.approx(np.degrees(1e-3))
@@ -85,7 +85,7 @@ def test_the_tcps_of_the_models_are_compared_without_base_and_tool() -> None:
     """Another tool and joint zero of A1 are no change of the arm; a link that is longer by 0.4 mm is one."""
     same = model_difference(model_with(), model_with(tool_x=5.0, theta1=0.002))
     assert same.tcp_max_mm == pytest.approx(0.0, abs=1e-3)
-    longer = model_difference(model_with(), model_with(a2=ERRORS["a2"] + 0.4))
+    longer = model_difference(model_with(), model_with(a2=KR5_ERRORS["a2"] + 0.4))
     assert longer.tcp_rms_mm is not None
     assert longer.tcp_sigma_mm is not None
     assert 0.05 < longer.tcp_rms_mm < 0.4

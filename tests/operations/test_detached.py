@@ -10,14 +10,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from cell_runs import CELL, PATIENCE_S, ROOT, touches_procedure
-from child_process import child
 
 from cellctl.clock import WallClock
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.journal import OperatorAction, RunResumed, RunState, StepStarted, fold, read_journal, writer_of
 from cellctl.operations.run_control import RunOrder, act, question_of, resume_detached, start_detached
+from tests.helpers.runs import CELL, PATIENCE_S, ROOT, child, touches_procedure
 
 ADA = Operator("Ada", "tablet", "console")
 STARTER = """

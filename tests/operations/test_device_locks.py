@@ -10,8 +10,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from cell_runs import SELFCAL, cell_with
-from engine_runs import FakeDevice, engine_for
 
 from cellctl.devices import Address, DeviceBusy, Identity
 from cellctl.devices.cell import Cell
@@ -23,6 +21,8 @@ from cellctl.operations.cell_devices import DeviceLocks, refuse_in_use
 from cellctl.operations.doctor import examine
 from cellctl.operations.launch import Options, new_run
 from cellctl.operations.table import TableCell
+from tests.helpers.engine import FakeDevice, engine_for
+from tests.helpers.runs import SELFCAL, cell_with
 
 DRIVERS = DriverRegistry()
 PLC = "modbus+tcp://127.0.0.1:9"

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from finished_runs import run_in
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.journal import RunStarted, RunState, SourceFile
 from cellctl.operations.run_list import RunFilter, is_simulated, run_rows
+from tests.helpers.journals import run_in
 
 UNBORN = "sphere_selfcal-20260101T000000Z"
 

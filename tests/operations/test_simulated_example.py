@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import simulated_example
 
 from cellctl.operations import analyses
+from tests.helpers import simulated_data
 
 
 def test_the_example_is_what_the_simulated_world_gives() -> None:
     shipped = np.loadtxt(analyses.EXAMPLE, delimiter=",", skiprows=1)
-    made = np.array([[*joints, *place] for joints, place in simulated_example.rows()])
+    made = np.array([[*joints, *place] for joints, place in simulated_data.example_rows()])
     np.testing.assert_allclose(shipped, made, atol=6e-4)
 
 

@@ -7,10 +7,10 @@ import importlib
 from pathlib import Path
 
 import pytest
-from cell_runs import CELL, ROOT
 
 from cellctl.operations.checking import check, checked
 from cellctl.operations.worker import OPERATIONS, OperationFailed, result_of
+from tests.helpers.runs import CELL, ROOT
 
 SELFCAL = ROOT / "procedures" / "sphere_selfcal.yaml"
 

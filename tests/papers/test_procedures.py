@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
-from cell_runs import ROOT, cellctl
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
 from cellctl.journal import fold, read_journal
+from tests.helpers.runs import ROOT, cellctl
 
 PAPERS = ROOT / "procedures" / "papers"
 FEW_POSES = {

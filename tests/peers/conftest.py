@@ -23,11 +23,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from cell_runs import unhurried
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings
 from drivers.kuka_rsi.description import open_robot
+from tests.helpers.runs import unhurried
 
 ECHO_PORT = 50000
 SENTYPE = "CELLCTL"

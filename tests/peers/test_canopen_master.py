@@ -11,7 +11,8 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from drive_cells import DRIVES, cell_file
+
+from tests.helpers.simulated_robots import DRIVES, cell_file
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120

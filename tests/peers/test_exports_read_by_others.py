@@ -14,8 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from perturbed_models import library_robot, perturbed
-from real_ur10 import DATA, fitted_ur10
 
 from cellctl.cli import ends
 from cellctl.cli.verbs import app
@@ -24,6 +22,8 @@ from cellctl.formats import ModelFile
 from cellctl.formats.exports import effects_left_out, fitted_geometry, measured_postures
 from cellctl.formats.table_making import nominal_chain
 from cellctl.kinematics import inverse_pose, pose_from_xyz_abc
+from tests.helpers.arms import library_robot, perturbed
+from tests.helpers.real_data import UR10_DATA, fitted_ur10
 
 urdf = pytest.importorskip("pytransform3d.urdf")
 MACRO = Path(__file__).parent / "own_ur_macro.xacro"
@@ -87,8 +87,8 @@ def of_library(name):
 @pytest.fixture(scope="module")
 def real_ur10(tmp_path_factory):
     """The UR10 identified from the measurements of the ipa-robot-accuracy data set."""
-    if not DATA.exists():
-        pytest.skip(f"the UR10 measurements are not at {DATA}")
+    if not UR10_DATA.exists():
+        pytest.skip(f"the UR10 measurements are not at {UR10_DATA}")
     return fitted_ur10(tmp_path_factory.mktemp("ur10"))
 
 
@@ -161,8 +161,8 @@ def test_the_measured_ur10_is_the_same_robot_to_others(real_ur10, tmp_path):
 @pytest.mark.long
 def test_a_urdf_of_the_measured_ur10_with_effects_is_far_nearer_to_the_measured_positions_than_nominal(tmp_path):
     """At rows that the fit did not use; the nominal robot has base and tool registered at the model's postures."""
-    if not DATA.exists():
-        pytest.skip(f"the UR10 measurements are not at {DATA}")
+    if not UR10_DATA.exists():
+        pytest.skip(f"the UR10 measurements are not at {UR10_DATA}")
     model = fitted_ur10(tmp_path, "geometry+compliance+harmonics")
     tree = converted(model, tmp_path, "--to", "urdf")
     names = [f"joint_{joint}" for joint in range(1, 7)]

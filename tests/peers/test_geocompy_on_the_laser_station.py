@@ -12,7 +12,8 @@ from math import atan2, cos, hypot, pi, radians, sin
 from urllib.parse import urlsplit
 
 import pytest
-from laser_cells import STATION, write_cell
+
+from tests.helpers.station import STATION, write_cell
 
 geocompy = pytest.importorskip("geocompy")
 from geocompy import Angle, Coordinate, GeoCom, open_serial  # noqa: E402

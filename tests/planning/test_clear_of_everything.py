@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_postures import KR5
 
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.planning import PlannedTouch, Plate, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach, Thickness, between_lines
 from sims.cell import SimCell, read_cell
 from sims.world import World
+from tests.helpers.arms import KR5_POSTURES
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"
 ROBOT = RobotFile.load(PROCEDURES / "robots" / "kr5_r1400.yaml")
@@ -38,7 +38,16 @@ def planned(name: str, seed: int, options: TouchOptions, *, sees_plate: bool = T
     plate = Plate(artefact.plate.z, artefact.plate.stem_radius) if sees_plate else Plate(-2000.0, 0.0)
     counts = [80 // len(targets)] * len(targets)
     return plan_touches(
-        ROBOT.chain(), ROBOT.joint_map(), LIMITS, KR5, targets, counts, seed, options, plate=plate, reference_every=20
+        ROBOT.chain(),
+        ROBOT.joint_map(),
+        LIMITS,
+        KR5_POSTURES,
+        targets,
+        counts,
+        seed,
+        options,
+        plate=plate,
+        reference_every=20,
     )
 
 
@@ -81,7 +90,7 @@ def test_wrists_are_turned_as_widely_as_a_calibration_needs_although_they_keep_c
 
 def test_where_no_plate_is_known_nothing_goes_more_than_ten_centimetres_below_the_lowest_sphere() -> None:
     spheres = [SphereTarget("S1", (950.0, -350.0, 400.0), 31.3)]
-    touches = plan_touches(ROBOT.chain(), ROBOT.joint_map(), LIMITS, KR5, spheres, [25], 4)
+    touches = plan_touches(ROBOT.chain(), ROBOT.joint_map(), LIMITS, KR5_POSTURES, spheres, [25], 4)
     ends = ROBOT.joint_map().model(np.array([touch.end for touch in touches]))
     assert ROBOT.chain().forward_flange(ends)[:, 2, 3].min() > 300.0 + Thickness().wrist
 

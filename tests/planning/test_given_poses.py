@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import ROOT
 
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet
 from procedures.steps.tracker.plans import PosePlan
 from procedures.steps.tracker.pose_planning import planned_rounds
 from procedures.steps.tracker.posing import PlanInputs
+from tests.helpers.runs import ROOT
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 CELL = load_yaml(ROOT / "procedures" / "cells" / "tracker_cell.yaml")

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import ROOT
 
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, artefact_of
@@ -16,6 +15,7 @@ from cellctl.formats.cell_sections import reflectors_of, station_of
 from procedures.steps.tracker.plans import PosePlan
 from procedures.steps.tracker.pose_planning import planned_rounds
 from procedures.steps.tracker.posing import PlanInputs
+from tests.helpers.runs import ROOT
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 ROBOT = RobotFile.load(ROBOT_FILE)

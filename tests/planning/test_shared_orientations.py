@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_postures import KR5
 from scipy.spatial.transform import Rotation
 
 from cellctl.formats import RobotFile
 from cellctl.planning import OutOfReach, SphereTarget
 from cellctl.planning.shared_orientations import OrientedTouch, plan_oriented_touches
 from cellctl.planning.ways import Reach
+from tests.helpers.arms import KR5_POSTURES
 
 ROBOT = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")
 SPHERES = [SphereTarget("S1", (950.0, -350.0, 250.0), 31.3), SphereTarget("P1", (850.0, 0.0, 550.0), 31.3)]
@@ -21,7 +21,7 @@ LIMITS = Reach(*(tuple(column) for column in ROBOT.limits().T.tolist()))
 
 def planned(orientations: int, touches: int, spheres: list[SphereTarget] = SPHERES) -> list[OrientedTouch]:
     return plan_oriented_touches(
-        ROBOT.chain(), ROBOT.joint_map(), LIMITS, KR5, spheres, 0, orientations, touches, seed=5
+        ROBOT.chain(), ROBOT.joint_map(), LIMITS, KR5_POSTURES, spheres, 0, orientations, touches, seed=5
     )
 
 
@@ -44,8 +44,8 @@ def test_touches_of_a_group_share_the_tool_orientation_and_groups_differ() -> No
 
 def test_the_plan_begins_and_ends_at_home_and_is_the_same_each_time() -> None:
     touches = planned(4, 3)
-    assert touches[0].touch.origin == pytest.approx(KR5.home)
-    assert touches[-1].touch.retreat[-1] == pytest.approx(KR5.home)
+    assert touches[0].touch.origin == pytest.approx(KR5_POSTURES.home)
+    assert touches[-1].touch.retreat[-1] == pytest.approx(KR5_POSTURES.home)
     assert touches == planned(4, 3)
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_postures import KR5
 
 from cellctl.formats import RobotFile
 from cellctl.planning import OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach
+from tests.helpers.arms import KR5_POSTURES
 
 ROBOT = RobotFile.load(Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml")
 SPHERES = [SphereTarget("S1", (950.0, -350.0, 250.0), 31.3), SphereTarget("P1", (850.0, 0.0, 550.0), 31.3)]
@@ -21,13 +21,21 @@ CLEARANCE_MM = TouchOptions().clearance
 
 def tour(counts: list[int], every: int = 0, reference: PlannedTouch | None = None, reach: Reach = LIMITS):
     return plan_touches(
-        ROBOT.chain(), ROBOT.joint_map(), reach, KR5, SPHERES, counts, 3, reference_every=every, reference=reference
+        ROBOT.chain(),
+        ROBOT.joint_map(),
+        reach,
+        KR5_POSTURES,
+        SPHERES,
+        counts,
+        3,
+        reference_every=every,
+        reference=reference,
     )
 
 
 def way(touches: list[PlannedTouch]) -> list[tuple[str, tuple[float, ...], tuple[float, ...]]]:
     """Every transfer with the tip clear of the spheres: what is touched next, from, to."""
-    lines, here = [], KR5.home
+    lines, here = [], KR5_POSTURES.home
     for touch in touches:
         for there in touch.approach:
             lines.append((touch.sphere, here, there))
@@ -77,7 +85,7 @@ def test_all_transfers_between_spheres_are_clear_of_both_and_begin_and_end_at_ho
     for _, start, end in way(touches):
         for sphere in SPHERES:
             assert tool_to_sphere_mm(start, end, sphere) > CLEARANCE_MM - 1.0
-    assert touches[-1].retreat[-1] == KR5.home
+    assert touches[-1].retreat[-1] == KR5_POSTURES.home
 
 
 def test_touches_stay_within_the_joint_readings_that_are_asked_for() -> None:

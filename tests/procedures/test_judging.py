@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sphere_rows import HELD_OUT_SENTENCE, sphere_verdict, standoff
-from step_contexts import Context
 
 from cellctl.devices import TableInfo, TableState
 from cellctl.records import TableStateRow
 from procedures.steps.sphere._identification import verdict_of
 from procedures.steps.sphere.rows import SphereVerdict, StandOffRow
 from procedures.steps.table_push import take_back_unhelpful
+from tests.helpers.steps import HELD_OUT_SENTENCE, Context, sphere_verdict, standoff
 
 HELD_OUT = sphere_verdict()
 MINE = TableStateRow("mine", 2, True, True, True, 0.1)

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import ROOT
-from sphere_rows import touch
 
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.planning.ways import Reach
 from procedures.steps.sphere import planning
 from procedures.steps.sphere.planning import locating_touches
+from tests.helpers.runs import ROOT
+from tests.helpers.steps import touch
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 CELL = load_yaml(ROOT / "procedures" / "cells" / "sphere_cell.yaml")

@@ -2,11 +2,10 @@
 
 import asyncio
 
-from step_contexts import Context
-
 from cellctl.devices import MotorCurrents
 from cellctl.files import load_yaml
 from procedures.steps.tracker.measuring import current_source
+from tests.helpers.steps import Context
 
 
 class Drives:

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from cell_runs import ROOT
 
 from cellctl.calibration import paired_verdict
+from tests.helpers.runs import ROOT
 
 DOCUMENT = (ROOT / "docs" / "measuring.md").read_text(encoding="utf-8")
 TABLE = DOCUMENT.partition("<!-- stand-off power")[2].partition("<!-- end of stand-off power -->")[0]

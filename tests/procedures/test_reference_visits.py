@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from sphere_rows import reference
 
 from procedures.steps.sphere.reference_touches import jump
 from procedures.steps.sphere.rows import ReferenceRow
+from tests.helpers.steps import reference
 
 SIGMA = 0.0245
 

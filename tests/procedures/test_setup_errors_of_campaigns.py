@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import ROOT, cell_with
-from own_campaigns import Campaign
-from simulated_setups import KR5_SIGNS
-from sphere_rows import touch
-from step_contexts import Context
 
 from cellctl.files import InputError, load_yaml
 from procedures.steps.sphere.touching import IdentifyInputs, identify
+from tests.helpers.own_campaigns import Campaign
+from tests.helpers.runs import ROOT, cell_with
+from tests.helpers.simulated_setups import KR5_SIGNS
+from tests.helpers.steps import Context, touch
 
 SPHERES = np.array([[950.0, -350.0, 250.0], [950.0, 350.0, 250.0], [1150.0, 0.0, 400.0]])
 CERTIFIED = {(0, 1): "700.412", (1, 2): "430.263", (0, 2): "430.018"}

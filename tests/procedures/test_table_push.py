@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sphere_rows import sphere_verdict
-from step_contexts import Context
 
 from cellctl.devices import (
     ControllerTable,
@@ -30,6 +28,7 @@ from cellctl.records import Figures, Row, TablePushRow, TableStateRow
 from procedures.steps.sphere._proving import PushInputs, push
 from procedures.steps.sphere.rows import StandOffFigures
 from procedures.steps.table_push import pushed_row, require_in_force, take_back_unproved
+from tests.helpers.steps import Context, sphere_verdict
 
 ROOT = Path(__file__).parents[2]
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"

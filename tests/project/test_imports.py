@@ -13,11 +13,11 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-from cell_runs import CELL, ROOT, touches_procedure
 
 import cellctl
 from cellctl.cli.verbs import VERBS
 from cellctl.installed import shipped
+from tests.helpers.runs import CELL, ROOT, touches_procedure
 
 PACKAGES = ("cellctl", "drivers", "procedures", "sims")
 MOST_IN_FUNCTIONS = 80

@@ -4,12 +4,12 @@ import re
 from itertools import combinations
 
 import pytest
-from real_sockets import DATA, PLACES, visits, with_ball
 
 from cellctl.formats import DataSet, RobotFile
 from cellctl.formats.measurements import measurements
 from cellctl.formats.measurements._sessions import Spacing
 from cellctl.setup_check import find_spacing_errors
+from tests.helpers.real_data import DATA, PLACES, visits, with_ball
 
 pytestmark = pytest.mark.skipif(not (DATA / "panda_sockets").exists(), reason=f"no sockets at {DATA}")
 

@@ -5,7 +5,9 @@ import pytest
 
 from tests.studies import outside_the_joints as study
 
-pytestmark = pytest.mark.skipif(not study.DATA.exists(), reason=f"the UR10 measurements are not at {study.DATA}")
+pytestmark = pytest.mark.skipif(
+    not study.UR10_DATA.exists(), reason=f"the UR10 measurements are not at {study.UR10_DATA}"
+)
 
 
 @pytest.mark.parametrize(

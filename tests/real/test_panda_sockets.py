@@ -3,7 +3,8 @@
 import json
 
 import pytest
-from real_sockets import DATA, PLACES, cellctl, visits
+
+from tests.helpers.real_data import DATA, PLACES, cellctl, visits
 
 pytestmark = pytest.mark.skipif(not (DATA / "panda_sockets").exists(), reason=f"no sockets at {DATA}")
 

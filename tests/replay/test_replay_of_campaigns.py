@@ -12,11 +12,10 @@ import time
 from pathlib import Path
 
 import pytest
-from cell_runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run
-from shared_campaign import shared_campaign
 
 from cellctl.journal import JournalError, RunResumed, fold, read_journal
 from cellctl.operations.launch import versions
+from tests.helpers.runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run, shared_campaign
 
 pytestmark = pytest.mark.campaign
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from engine_runs import FakeDevice
 
 from cellctl.clock import WallClock
 from cellctl.engine import Engine, Mailbox, Plan, Surround
@@ -28,6 +27,7 @@ from cellctl.procedure import (
     step,
 )
 from cellctl.records import Row
+from tests.helpers.engine import FakeDevice
 
 CALLS: list[str] = []
 EXTRA: dict[str, Any] = {"text": "", "value": 0}  # what the steps add to what they compute, to make a replay differ

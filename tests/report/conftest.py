@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_rows import SEARCH
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import Split, fit
@@ -28,6 +27,7 @@ from cellctl.journal import (
 )
 from cellctl.kinematics import inverse
 from cellctl.report.fit import FitStory, identification_rows
+from tests.helpers.journals import SEARCH
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "kr5_r1400.yaml"
 PROCEDURE = "procedure: campaign\ntitle: Touches & <b>proof</b>\n"

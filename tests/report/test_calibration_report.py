@@ -6,7 +6,6 @@ import subprocess
 
 import numpy as np
 import pytest
-from html_pages import Page
 
 from cellctl.cli import ends
 from cellctl.cli.ends import Exit
@@ -14,6 +13,7 @@ from cellctl.cli.verbs import app
 from cellctl.records import Figures
 from cellctl.report import Contribution, Run, render, report_text
 from cellctl.report.budget import Budget, Decision, scatter_of_fit
+from tests.helpers.reports import Page
 
 NOISE_MM = 0.01
 """Of the touches of `campaign`, along the normal."""

@@ -6,23 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fit_stories import (
-    CENTRES,
-    ERRORS,
-    INSTRUMENT,
-    KR5,
-    REACH,
-    arm,
-    measured,
-    pointed,
-    positions,
-    postures,
-    sessions,
-    sockets,
-    told,
-    touches,
-    truth,
-)
 
 from cellctl.calibration import (
     Backlash,
@@ -47,6 +30,23 @@ from cellctl.report.fit._page import head
 from cellctl.report.fit._region import RegionSigma, along_joint
 from cellctl.report.fit._residual_pictures import coverage, scaled_numbers
 from cellctl.report.fit.residuals import _Predicted, residuals_of
+from tests.helpers.reports import (
+    CENTRES,
+    ERRORS,
+    INSTRUMENT,
+    KR5,
+    REACH,
+    arm,
+    measured,
+    pointed,
+    positions,
+    postures,
+    sessions,
+    sockets,
+    told,
+    touches,
+    truth,
+)
 
 
 @pytest.fixture(scope="module")

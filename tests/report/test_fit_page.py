@@ -4,11 +4,22 @@ import re
 
 import numpy as np
 import pytest
-from fit_stories import arm, measured, pointed, poses, positions, sessions, sockets, told, touches, truth
-from html_pages import Page
 
 from cellctl.calibration import Backlash, Harmonics, JointCompliance, Postures, Split, Task, ThermalExpansion
 from cellctl.report.fit import FitStory, fit_page, write_fit_page
+from tests.helpers.reports import (
+    Page,
+    arm,
+    measured,
+    pointed,
+    poses,
+    positions,
+    sessions,
+    sockets,
+    told,
+    touches,
+    truth,
+)
 
 HEADINGS = [
     "Set-up",

@@ -8,8 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from html_pages import Page
-from report_rows import SEARCH
 
 from cellctl.files import canonical_json, write_atomically
 from cellctl.formats.model import REGION_MARGIN_DEG, JointRegion
@@ -18,6 +16,8 @@ from cellctl.records import IdentificationRow, ResidualsRow, Row, TableStateRow
 from cellctl.report import ReportSection, Run, Sections, Sigma, render, report_text, write_report
 from cellctl.report.fit import fit_page
 from cellctl.report.fit.residuals import Residuals
+from tests.helpers.journals import SEARCH
+from tests.helpers.reports import Page
 
 
 def standoff_rows(before, after, sigma=0.05, expected=0.0):

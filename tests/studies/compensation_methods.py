@@ -15,10 +15,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from verified_targets import HEAVY_CELL, MOST_MM, OVER_FLOOR, Verified, calibrated, verified
 
 from cellctl.compensation import METHODS
 from cellctl.kinematics import Floats
+from tests.helpers.tracker import HEAVY_CELL, MOST_MM, OVER_FLOOR, Verified, calibrated, verified
 from tests.studies._runner import ROWS, Row, Study, Table, each
 
 HEAD = (

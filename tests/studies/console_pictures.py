@@ -13,10 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cell_runs import ROOT
-from console_process import ConsoleProcess, browser, console_process
-from daily_checks import check
 from PIL import Image
+
+from tests.helpers.console import ConsoleProcess, browser, console_process
+from tests.helpers.journals import check
+from tests.helpers.runs import ROOT
 
 _WIDTH = 1360
 UR10 = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"

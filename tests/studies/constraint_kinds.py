@@ -3,7 +3,7 @@
 The spherical-constraint paper (doi 10.3390/app14219824) says that touches on a sphere give better accuracy than plane,
 point or distance constraints. KR5 robots drawn from the prior (the tests' own arm) are measured in each way, 0.03 mm
 1 σ, at places unknown to the fit, the wrist turned at random in the same way everywhere, the tool from outside.
-Volumetric: 3-D RMS over the workspace of `volumetric.py`, the best rigid motion removed; mean over the robots with its
+Volumetric: 3-D RMS over the workspace of `simulated_data`, the best rigid motion removed; mean over the robots with its
 95 % interval.
 """
 
@@ -16,11 +16,7 @@ from functools import cache
 from typing import TypeVar
 
 import numpy as np
-from kr5_model import ROBOT
 from numpy.typing import NDArray
-from own_arm import Floats
-from own_campaigns import Campaign, body_error, certificate, nominal_of
-from volumetric import HIGH, LOW, workspace_of
 
 from cellctl.calibration import (
     Measured,
@@ -34,6 +30,10 @@ from cellctl.calibration import (
     sigma_among,
 )
 from cellctl.formats import RobotFile
+from tests.helpers.arms import KR5_FILE
+from tests.helpers.own_campaigns import Campaign, body_error, certificate, nominal_of
+from tests.helpers.own_model import Floats
+from tests.helpers.simulated_data import HIGH, LOW, workspace_of
 from tests.studies._runner import Row, Study, Table, each
 
 SIGMA_MM = 0.03
@@ -177,7 +177,7 @@ def measure(constraint: str, touches: int, seed: int) -> Row:
 
 @cache
 def _everywhere() -> Floats:
-    robot = RobotFile.load(ROBOT)
+    robot = RobotFile.load(KR5_FILE)
     return robot.joint_map().model(workspace_of(robot, POSTURES))
 
 

@@ -16,12 +16,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, fields, replace
 
 import numpy as np
-from fixed_orientations import TILTED, UPRIGHT, fixed
-from honesty import Elsewhere, Honesty, Summary, elsewhere, honesty
-from misjudged import MISJUDGED
-from own_effects import JointErrors
-from simulated_setups import OUTSIDE, SETUPS
 
+from tests.helpers.honesty import Elsewhere, Honesty, Summary, elsewhere, honesty
+from tests.helpers.own_model import JointErrors
+from tests.helpers.simulated_setups import MISJUDGED, OUTSIDE, SETUPS, TILTED, UPRIGHT, fixed
 from tests.studies._runner import Row, Study, Table, each
 
 TURNS = {"one": [UPRIGHT], "two, 40° apart": [UPRIGHT, TILTED]}

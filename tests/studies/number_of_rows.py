@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cell_runs import CELL, ROOT, cellctl
-from volumetric import volumetric_errors
 
 from cellctl.formats import ModelFile
+from tests.helpers.runs import CELL, ROOT, cellctl
+from tests.helpers.simulated_data import volumetric_errors
 from tests.studies._runner import Row, Study, Table, each
 
 JOINTS = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]

@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from cell_runs import CELL, ROOT, cellctl
-from volumetric import volumetric_errors
 
 from cellctl.formats import ModelFile
+from tests.helpers.runs import CELL, ROOT, cellctl
+from tests.helpers.simulated_data import volumetric_errors
 from tests.studies._runner import Row, Study, Table, each
 
 PROCEDURES = {

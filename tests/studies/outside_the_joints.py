@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from real_rows import DATA, JOINTS, REPEATABILITY_MM
 
 from cellctl.calibration import (
     EffectInputs,
@@ -32,6 +31,7 @@ from cellctl.calibration import (
 )
 from cellctl.calibration.verdict.heldout import held_out_rows
 from cellctl.formats import RobotFile
+from tests.helpers.real_data import JOINTS, REPEATABILITY_MM, UR10_DATA
 from tests.studies._runner import Row, Study, Table, each
 
 ROBOT = Path(__file__).parents[2] / "procedures" / "robots" / "ur10.yaml"
@@ -41,7 +41,7 @@ FIT, PREDICTED = 800, 1500
 @cache
 def measured() -> tuple[np.ndarray, np.ndarray]:
     """Joint angles (N, 6), rad, and positions (N, 3), mm."""
-    with DATA.open(newline="") as source:
+    with UR10_DATA.open(newline="") as source:
         rows = list(csv.DictReader(source, delimiter=";"))
     names = [*(f"{joint}_joint" for joint in JOINTS), *(f"measurement_{axis}" for axis in "xyz")]
     numbers = np.array([[float(row[name].replace(",", ".")) for name in names] for row in rows])

@@ -36,10 +36,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell_runs import ROOT, busy_machine
-from online_models import wavy_model
-
 from drivers.kuka_rsi.cyclic.online_block import TIMING_STEP_NS, OnlineSlot, pack
+from tests.helpers.krc import wavy_model
+from tests.helpers.runs import ROOT, busy_machine
 
 ONLINE = "on-line"
 CYCLES_MS = {"ipo_fast": 4, "ipo": 12}

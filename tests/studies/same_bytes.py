@@ -16,9 +16,8 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
-from cell_runs import ROOT, busy_machine, only_run
-
 from cellctl.journal import read_journal
+from tests.helpers.runs import ROOT, busy_machine, only_run
 from tests.studies._runner import Row, Study, Table, each
 
 

@@ -13,14 +13,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from cell_runs import ROOT, finished_run
-from tracker_runs import CELL, cell_of
-from tracker_truth import FLEXIBLE, Truth, found_frames, frame_errors, held_out, true_frames
 
 from cellctl.journal import fold, read_journal
 from cellctl.metrology.error_figures import floor_ratio
 from cellctl.metrology.measured_pose import nees_range
 from procedures.steps.tracker.rows import TrackerVerdict
+from tests.helpers.runs import ROOT, finished_run
+from tests.helpers.tracker import CELL, FLEXIBLE, Truth, cell_of, found_frames, frame_errors, held_out, true_frames
 from tests.studies._runner import ROWS, Row, Study, Table, each
 from tests.studies.compensation_methods import figures
 

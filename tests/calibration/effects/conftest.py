@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from kr5_table import KR5_TABLE
 from scipy.spatial.transform import Rotation
 
 from cellctl.kinematics import Link, SerialChain
+from tests.helpers.own_model import KR5_TABLE
 
 G = 9.80665
 

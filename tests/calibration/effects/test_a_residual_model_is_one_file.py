@@ -3,11 +3,9 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import elbow_arm
 import numpy as np
 import pytest
 import yaml
-from elbow_arm import csv_text, joints_and_places
 
 from cellctl.calibration import Parameter, Split, effects, fit
 from cellctl.calibration.effects import EFFECTS, ResidualModel
@@ -16,8 +14,10 @@ from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.residuals.residual_model import PostureBasis
 from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
 from cellctl.kinematics import Floats
+from tests.helpers import arms
+from tests.helpers.arms import csv_text, joints_and_places
 
-ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))
+ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
 ROWS = 120
 
 
@@ -72,8 +72,8 @@ class Certain(KrigingField):
 def model(monkeypatch):
     monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, KrigingField))
     rng = np.random.default_rng(4)
-    readings = rng.uniform(elbow_arm.LOWER, elbow_arm.UPPER, (ROWS, 3))
-    places = elbow_arm.ElbowArm().tcp(readings) + rng.normal(0.0, 0.01, (ROWS, 3))
+    readings = rng.uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (ROWS, 3))
+    places = arms.ElbowArm().tcp(readings) + rng.normal(0.0, 0.01, (ROWS, 3))
     places[:, 2] += 0.2 * np.sin(2.0 * np.deg2rad(readings[:, 1]))
     data = DataSet.parse(csv_text(joints_and_places(readings, places)), "data.csv")
     measured = measurements(ROBOT, data, model="geometry+kriging")
@@ -118,7 +118,7 @@ def _growth_of_region(model, q):
 
 
 def test_the_measured_region_ends_where_it_says_so(model, without, monkeypatch):
-    readings = np.random.default_rng(1).uniform(elbow_arm.LOWER, elbow_arm.UPPER, (400, 3))
+    readings = np.random.default_rng(1).uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (400, 3))
     plain = without.inside(readings)
     monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, KrigingField))
     far = model.robot_model().outside(ROBOT.joint_map().model(readings)) > 0.5

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import elbow_arm
 import numpy as np
 import pytest
 import yaml
-from elbow_arm import csv_text, joints_and_places
 
 from cellctl.calibration import Effect, Parameter, Split, Unit, effects, fit
 from cellctl.calibration.effects import EFFECTS
@@ -17,8 +15,10 @@ from cellctl.cli.fit import predict
 from cellctl.files import InputError
 from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
 from cellctl.report.fit import FitStory, write_fit_page
+from tests.helpers import arms
+from tests.helpers.arms import csv_text, joints_and_places
 
-ROBOT = RobotFile.model_validate(yaml.safe_load(elbow_arm.ROBOT))
+ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
 PER_K = np.array([0.004, -0.002, 0.012])
 """By which the tool of these tests moves in the flange's frame, mm/K."""
 
@@ -62,10 +62,10 @@ def with_one_effect_more(monkeypatch):
 
 def data(warm: bool = True) -> DataSet:
     rng = np.random.default_rng(4)
-    readings = rng.uniform(elbow_arm.LOWER, elbow_arm.UPPER, (120, 3))
+    readings = rng.uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (120, 3))
     temperature = rng.uniform(15.0, 35.0, 120)
     flange = ROBOT.chain().forward_flange(ROBOT.joint_map().model(readings))[:, :3, :3]
-    places = elbow_arm.ElbowArm().tcp(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]
+    places = arms.ElbowArm().tcp(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]
     head, *lines = csv_text(joints_and_places(readings, places + rng.normal(0.0, 0.01, (120, 3)))).splitlines()
     if warm:
         head = f"{head},temperature"

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from effect_names import names_of
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import (
@@ -19,6 +18,7 @@ from cellctl.calibration.effects import (
 )
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import pose_from_xyz_abc
+from tests.helpers.arms import names_of
 
 SIZES = (0.1, 0.2, 0.05)
 MAKERS = {

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from effect_names import names_of
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import JointCompliance
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Link, SerialChain
+from tests.helpers.arms import names_of
 
 
 def amounts(effect, **values):

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from effect_names import names_of
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import Harmonics
 from cellctl.calibration.model.postures import Postures
+from tests.helpers.arms import names_of
 
 TURN = np.linspace(-np.pi, np.pi, 73)
 

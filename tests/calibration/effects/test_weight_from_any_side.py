@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_names import names_of
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import JointCompliance, ToolDeflection
 from cellctl.calibration.model.postures import Postures
+from tests.helpers.arms import names_of
 
 WALL, CEILING, SLOPE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.48, -0.6, -0.64)
 

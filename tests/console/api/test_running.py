@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from api_client import ApiClient, api_client
-from engine_runs import KINDS
-from running_campaign import PATIENCE_S, Running
 
 from cellctl.clock import WallClock
 from cellctl.engine import Operator
 from cellctl.journal import OperatorAction, writer_of
 from cellctl.operations.run_control import act
 from cellctl.procedure import StepRegistry
+from tests.helpers.console import ApiClient, api_client
+from tests.helpers.engine import KINDS, PATIENCE_S, Running
 
 ADA = {"Authorization": "Bearer secret", "X-Operator": "Ada"}
 

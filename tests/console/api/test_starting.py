@@ -7,8 +7,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from api_client import ApiClient, api_client
-from cell_runs import CELL, cell_with
 
 from cellctl.console.jobs import Jobs
 from cellctl.devices.cell import Cell
@@ -16,6 +14,8 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import sha256_of
 from cellctl.journal import Journal, RunStarted, SourceFile
 from cellctl.operations.cell_devices import DeviceLocks
+from tests.helpers.console import ApiClient, api_client
+from tests.helpers.runs import CELL, cell_with
 
 ADA = {"Authorization": "Bearer secret", "X-Operator": "Ada"}
 

@@ -15,14 +15,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from child_process import child
-from live_journals import WrittenRun, registry
 
 from cellctl.console.live import LiveRun, Snapshot, whole_log
 from cellctl.console.live import _run as tail
 from cellctl.engine.status import status_of
 from cellctl.engine.step_tree import Node
 from cellctl.journal import InterlockChanged, Outcome, RunResumed, StepEnded, StepFailure, StepStarted, read_journal
+from tests.helpers.engine import WrittenRun, registry
+from tests.helpers.runs import child
 
 PATIENCE = 200
 
@@ -167,7 +167,7 @@ def test_a_run_whose_process_is_killed_is_cut_off_and_goes_on_when_it_is_resumed
     code = """
 import sys
 from pathlib import Path
-from live_journals import WrittenRun
+from tests.helpers.engine import WrittenRun
 from cellctl.journal import StepStarted
 run = WrittenRun(Path(sys.argv[1]))
 run.add(StepStarted("points[0].measure", 1, True))
@@ -175,7 +175,7 @@ print("written", flush=True)
 sys.stdin.read()
 """
     command = [sys.executable, "-c", code, str(tmp_path / "run")]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "helpers")}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
     live = followed(tmp_path / "run")
     with child(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout

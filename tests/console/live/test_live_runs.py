@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_journals import WrittenRun, registry
 
 from cellctl.console.live import LiveRuns
 from cellctl.console.live import runs as row
 from cellctl.files import InputError
 from cellctl.journal import RunResumed, StateChanged
+from tests.helpers.engine import WrittenRun, registry
 
 PATIENCE_S = 60.0
 

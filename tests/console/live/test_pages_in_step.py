@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from console_process import browser
-from live_console import live_console, now_ms, shown_at_ms
-from live_journals import WrittenRun
+
+from tests.helpers.console import browser, live_console, now_ms, shown_at_ms
+from tests.helpers.engine import WrittenRun
 
 EVENTS = 12
 LOOK_MS = 50.0

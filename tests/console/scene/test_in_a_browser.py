@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from console_process import browser, free_port
+
+from tests.helpers.console import browser, free_port
 
 pytestmark = pytest.mark.long
 
-HELPERS = Path(__file__).parents[2] / "helpers"
+ROOT = Path(__file__).parents[3]
 
 DRAWN = """() => {
   const scene = Object.entries(window).find(([name]) => name.startsWith("scene_"))[1];
@@ -30,8 +31,8 @@ DRAWN = """() => {
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     port, folder = free_port(), tmp_path_factory.mktemp("page")
     inherited = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
-    environment = {**inherited, "NICEGUI_STORAGE_PATH": str(folder)}
-    program = [sys.executable, str(HELPERS / "scene_page.py"), str(port)]
+    environment = {**inherited, "NICEGUI_STORAGE_PATH": str(folder), "PYTHONPATH": str(ROOT)}
+    program = [sys.executable, "-m", "tests.helpers.scene_page", str(port)]
     process = subprocess.Popen(program, env=environment, cwd=folder)
     try:
         yield f"http://127.0.0.1:{port}/"

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import CELL, run_here, touches_procedure
 
 from cellctl.console.scene import scene_of, series_of
 from cellctl.journal import fold, read_journal
+from tests.helpers.runs import CELL, run_here, touches_procedure
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 

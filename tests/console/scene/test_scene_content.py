@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from own_arm import kr5
-from scene_journals import (
+
+from cellctl.console.scene._content import Kind, SceneContent, scene_of
+from cellctl.console.scene.points import Points, Role
+from cellctl.journal import RunState
+from tests.helpers.journals import (
     REACH,
     SPHERES,
     STATION,
@@ -21,11 +24,8 @@ from scene_journals import (
     touch_run,
     visited_row,
 )
-from simulated_setups import KR5_SIGNS
-
-from cellctl.console.scene._content import Kind, SceneContent, scene_of
-from cellctl.console.scene.points import Points, Role
-from cellctl.journal import RunState
+from tests.helpers.own_model import kr5
+from tests.helpers.simulated_setups import KR5_SIGNS
 
 
 def group(content: SceneContent, name: str, role: Role) -> Points:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from nicegui import ui
 from nicegui.client import Client
-from scene_journals import touch_run
 
 from cellctl.console.scene import SceneContent, scene_of
 from cellctl.console.scene.points import Points, Role
 from cellctl.console.scene.view import HEADINGS, PAGE, SceneView, body_rows, point_rows, scene_view
+from tests.helpers.journals import touch_run
 
 
 class Sent:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from report_rows import SEARCH
-from scene_journals import MadeJournal, residuals_row, touch_run
 
 from cellctl.console.scene.charts import IDENTIFIED, NOMINAL, changes, residual_options, series_of, sigma_options
+from tests.helpers.journals import SEARCH, MadeJournal, residuals_row, touch_run
 
 
 def identified(run: MadeJournal) -> MadeJournal:

@@ -3,9 +3,9 @@
 import asyncio
 
 import pytest
-from drive_cells import DRIVES, HOME, cell_file, drive_cell
 
 from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused
+from tests.helpers.simulated_robots import DRIVES, HOME, cell_file, drive_cell
 
 TILTED = (0.0, -60.0, 90.0, 20.0, 45.0, 0.0)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from scripted_station import Station, tracker_at
 
 from cellctl.devices import Reflector
+from tests.helpers.station import Station, tracker_at
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ import asyncio
 import threading
 
 import pytest
-from scripted_station import TEMPERATURE, Station
 
 from cellctl.devices import DeviceLost
 from drivers.geocom_tracker.line import Library, Line
 from drivers.serial_port import SerialPlace, open_port
+from tests.helpers.station import TEMPERATURE, Station
 
 
 def with_library(station: Station, work):

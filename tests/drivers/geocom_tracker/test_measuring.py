@@ -5,21 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from scripted_station import (
-    ATMOSPHERE,
-    CHANGE_FACE,
-    FINE,
-    FULL,
-    INCLINED,
-    LOCK_IN,
-    LOCK_STATE,
-    MEASURE,
-    NULL,
-    POWER,
-    SET_ATMOSPHERE,
-    TURN,
-    WAKE,
-)
 
 from cellctl.devices import (
     DeviceBusy,
@@ -33,6 +18,21 @@ from cellctl.devices import (
     Reflector,
     TargetLost,
     Weather,
+)
+from tests.helpers.station import (
+    ATMOSPHERE,
+    CHANGE_FACE,
+    FINE,
+    FULL,
+    INCLINED,
+    LOCK_IN,
+    LOCK_STATE,
+    MEASURE,
+    NULL,
+    POWER,
+    SET_ATMOSPHERE,
+    TURN,
+    WAKE,
 )
 
 PLACE = (1000.0, 2000.0, 300.0)

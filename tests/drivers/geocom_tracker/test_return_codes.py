@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from scripted_station import FINE, FULL, LOCK_IN, TEMPERATURE, TURN
 
 from cellctl.devices import (
     DeviceBusy,
@@ -16,6 +15,7 @@ from cellctl.devices import (
     TargetLost,
 )
 from drivers.geocom_tracker.codes import CODES, Meaning, code_of, error_of
+from tests.helpers.station import FINE, FULL, LOCK_IN, TEMPERATURE, TURN
 
 LISTED = """
 0 1 2 3 4 5 6 8 12 13 14 16 18 21 22 23 24 25 26 27

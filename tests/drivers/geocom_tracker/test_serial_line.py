@@ -5,21 +5,11 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from scripted_station import (
-    CHANGE_FACE,
-    FINE,
-    FULL,
-    MEASURE,
-    NULL,
-    TEMPERATURE,
-    TURN,
-    crc_16_arc,
-    tracker_at,
-)
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, DeviceLost, DeviceRefused, DeviceUnreachable, Surroundings
 from drivers.geocom_tracker.description import open_tracker
+from tests.helpers.station import CHANGE_FACE, FINE, FULL, MEASURE, NULL, TEMPERATURE, TURN, crc_16_arc, tracker_at
 
 DISTURBANCES = [
     "missing",

@@ -13,10 +13,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-from cell_runs import CELL, ROOT, cellctl
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from krl_programs import Krl, Place, Text
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, ControllerTable, Surroundings, TableInfo, TableRow, TableState
@@ -33,6 +31,8 @@ from drivers.kuka_rsi.eki.channel import (
     write_command,
 )
 from drivers.kuka_rsi.eki.tables import BLOCK_ROWS, TableChannel
+from tests.helpers.krl import Krl, Place, Text
+from tests.helpers.runs import CELL, ROOT, cellctl
 
 ADDRESS = Address.parse("kuka+rsi://192.168.10.2:49152?ethernet=rsi_ethernet.xml&eki=172.31.1.147:54601")
 REFERENCE = (ROOT / "docs" / "reference" / "eki-channel.md").read_text()

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_runs import CELL, ROOT, SELFCAL, cell_with
 
 from cellctl.cli.run import check
 from cellctl.cli.run import run as run_command
@@ -24,6 +23,7 @@ from cellctl.planning import TouchOptions
 from drivers.kuka_rsi.cyclic.limits import SEARCH_NEEDS, SearchLimits, ceilings
 from drivers.kuka_rsi.robot.kuka_robot import KukaRobot
 from drivers.kuka_rsi.settings import RsiSettings
+from tests.helpers.runs import CELL, ROOT, SELFCAL, cell_with
 
 LIMITS = "{correction_deg: 5, speed_deg_s: 2.5, acceleration_deg_s2: 20, jerk_deg_s3: 400, travel_deg: 5}"
 CONTROLLER = "&controller=192.168.10.1"

@@ -4,7 +4,6 @@ import asyncio
 from math import sqrt
 
 import pytest
-from drive_cells import CELLS, DRIVES, ROBOT, cell_file, drive_cell
 
 from cellctl.devices import DeviceFault, DeviceRefused
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
@@ -13,6 +12,7 @@ from drivers.kuka_rsi.cyclic.session import Cause, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Sample, SharedBlock
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 from drivers.kuka_rsi.robot.kuka_robot import mean_currents
+from tests.helpers.simulated_robots import CELLS, DRIVES, ROBOT, cell_file, drive_cell
 
 TILTED = (0.0, -60.0, 90.0, 20.0, 45.0, 0.0)
 ZERO = (0.0,) * 6

@@ -15,13 +15,13 @@ from typing import ClassVar
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
-from rsi_line import CALM, FAULTS, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather
 
 from drivers.kuka_rsi.cyclic.limits import SearchLimits
 from drivers.kuka_rsi.cyclic.search_cycle import SearchCycle
 from drivers.kuka_rsi.cyclic.session import InterpolationCycle, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
+from tests.helpers.krc import CALM, FAULTS, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "100"))
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from controller_tables import ControllerTables, Kept
-from table_line import CutLine, channel_to
 
 from cellctl.devices import (
     ControllerTable,
@@ -19,6 +17,7 @@ from cellctl.devices import (
 )
 from drivers.kuka_rsi.eki.channel import LARGEST_DOCUMENT, write_command
 from drivers.kuka_rsi.eki.tables import WrittenRow, block, blocks, checksum, written_rows
+from tests.helpers.krc import ControllerTables, CutLine, Kept, channel_to
 
 
 def row(number: int) -> TableRow:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from controller_tables import ControllerTables, Kept
-from table_line import CutLine, channel_to
 
 from cellctl.devices import ControllerTable, DeviceLost, DeviceUncertain, TableRow, TableState
+from tests.helpers.krc import ControllerTables, CutLine, Kept, channel_to
 
 
 def table(rows: int) -> ControllerTable:

@@ -6,7 +6,6 @@ import asyncio
 import math
 
 import pytest
-from controller_tables import ControllerTables
 
 from cellctl.devices import (
     CompensatedRobot,
@@ -17,6 +16,7 @@ from cellctl.devices import (
     TableInfo,
     TableRow,
 )
+from tests.helpers.krc import ControllerTables
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 AWAY = (1.25, -90.0, 90.0, 0.0, 45.0, 0.0)

@@ -11,7 +11,6 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from online_models import wavy_model
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings
@@ -23,6 +22,7 @@ from drivers.kuka_rsi.cyclic.session import DEFAULT_TOLERANCE, Admission, Cause,
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 from drivers.kuka_rsi.description import findings
+from tests.helpers.krc import wavy_model
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 LIMITS = OnlineLimits()

@@ -14,14 +14,13 @@ import random
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import initialize, rule
-from online_models import wavy_model
-from rsi_line import CALM, HOME, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather
 
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, pack
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
 from drivers.kuka_rsi.cyclic.session import Cause, InterpolationCycle, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Slot
+from tests.helpers.krc import CALM, HOME, ROUNDING, TIMEOUT, FaultyLine, Krc, Weather, wavy_model
 
 SEQUENCES = int(os.environ.get("LEAP_SEQUENCES", "12"))
 LIMITS = OnlineLimits()

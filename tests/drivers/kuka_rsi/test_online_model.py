@@ -7,10 +7,8 @@ import random
 
 import numpy as np
 import pytest
-from cell_runs import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from online_models import wavy_model
 
 from cellctl.calibration import (
     Backlash,
@@ -31,6 +29,8 @@ from cellctl.kinematics import inverse_pose
 from drivers.kuka_rsi.cyclic.online_block import pack, unpack
 from drivers.kuka_rsi.cyclic.online_kernel import newton_step
 from drivers.kuka_rsi.cyclic.online_model import OnlineModel
+from tests.helpers.krc import wavy_model
+from tests.helpers.runs import ROOT
 
 ROBOT = RobotFile.load(ROOT / "procedures" / "papers" / "robots" / "kr300_with_end_effector.yaml")
 JOINTS = ROBOT.joint_map()

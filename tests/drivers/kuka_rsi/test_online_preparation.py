@@ -9,8 +9,6 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from cell_runs import ROOT
-from online_models import wavy_model
 
 from cellctl.clock import WallClock
 from cellctl.devices import CorrectionModel, DeviceLost, DeviceRefused
@@ -23,6 +21,8 @@ from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
 from drivers.kuka_rsi.eki.channel import Reply
 from drivers.kuka_rsi.robot.correcting import Correcting
 from drivers.kuka_rsi.robot.holding import Holding
+from tests.helpers.krc import wavy_model
+from tests.helpers.runs import ROOT
 
 MODEL = CorrectionModel("m1", {name: tuple(values) for name, values in wavy_model(1.0).items()})
 

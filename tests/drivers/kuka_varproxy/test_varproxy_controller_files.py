@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import pytest
-from krl_programs import Krl
 
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings, TableInfo
@@ -15,6 +14,7 @@ from drivers.kuka_varproxy.controller_files.generate import controller_files
 from drivers.kuka_varproxy.moving import Job
 from drivers.kuka_varproxy.tables import _NAMES, _head, _row_text
 from drivers.kuka_varproxy.variables import fields
+from tests.helpers.krl import Krl
 
 POINT = (1.23456, -90.0, 90.00004, -170.5, 45.0, 349.9999)
 REFERENCE = (Path(__file__).parents[3] / "docs/reference/varproxy-channel.md").read_text()

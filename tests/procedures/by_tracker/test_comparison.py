@@ -10,13 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import ROOT
-from own_arm import pose_of
-from own_campaigns import Campaign
 from scipy.spatial.transform import Rotation
-from simulated_setups import KR5_REGION, KR5_SIGNS
-from sphere_rows import touch
-from step_contexts import Context
 
 from cellctl.devices import MeasuredPoint
 from cellctl.files import load_yaml
@@ -27,6 +21,11 @@ from procedures.steps.by_tracker.rows import ByTrackerFigures, ByTrackerVerdict,
 from procedures.steps.sphere.rows import SphereVerdict
 from procedures.steps.sphere.touching import IdentifyInputs, identify
 from procedures.steps.tracker.rows import PoseRow, SetUpRow
+from tests.helpers.own_campaigns import Campaign
+from tests.helpers.own_model import pose_of
+from tests.helpers.runs import ROOT
+from tests.helpers.simulated_setups import KR5_REGION, KR5_SIGNS
+from tests.helpers.steps import Context, touch
 
 PROCEDURES = ROOT / "procedures"
 CELL = PROCEDURES / "cells" / "sphere_tracker_cell.yaml"

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_tracker_cell import PROCEDURES, FakeRun, Faults, Truth, run_fake
 from scipy.spatial.transform import Rotation
 
 from cellctl.engine import State
@@ -21,6 +20,7 @@ from procedures.steps.daily.rows import (
     DayPoints,
     EarlierRunsRow,
 )
+from tests.helpers.steps import PROCEDURES, FakeRun, Faults, Truth, run_fake
 
 PROCEDURE = PROCEDURES / "daily_check.yaml"
 NOISE_MM = 0.05

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from daily_checks import NOISE_MM, POINTS, check
 
 from cellctl.metrology import Signal
 from procedures.steps.daily.history import DailyHistory, daily_histories
+from tests.helpers.journals import NOISE_MM, POINTS, check
 
 
 @pytest.fixture(scope="module")

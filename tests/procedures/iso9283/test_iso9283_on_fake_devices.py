@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_tracker_cell import CELL, PROCEDURES, ROBOT, FakeRun, Truth, run_fake
-from own_arm import Floats
 
 from cellctl.engine import State
 from cellctl.files import InputError, load_yaml
@@ -18,6 +16,8 @@ from cellctl.report import write_report
 from procedures.steps.iso9283.planning import planned
 from procedures.steps.iso9283.rows import CubeRow, IsoPoseRow, IsoRow, IsoVerdict, RegistrationRow
 from procedures.steps.tracker.rows import PoseRow
+from tests.helpers.own_model import Floats
+from tests.helpers.steps import CELL, PROCEDURES, ROBOT, FakeRun, Truth, run_fake
 
 PROCEDURE = PROCEDURES / "iso9283.yaml"
 FEW: dict[str, Any] = {"cycles": 3, "registration_poses": 12}

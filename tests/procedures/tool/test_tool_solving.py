@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_runs import CELL, ROOT
-from sphere_rows import CONTACT
-from step_contexts import Context
 
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, artefact_of
@@ -20,6 +17,8 @@ from procedures.steps.tool import read_pose, solve_poses, solve_touches
 from procedures.steps.tool._measuring import PoseInputs
 from procedures.steps.tool._solving import planned_touches
 from procedures.steps.tool.rows import ToolErrorsRow, ToolTouchRow, ToolVerdict
+from tests.helpers.runs import CELL, ROOT
+from tests.helpers.steps import CONTACT, Context
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 ROBOT = RobotFile.load(ROBOT_FILE)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_tracker_cell import CELL, PROCEDURES, FakeRun, Faults, Truth, run_fake
 
 from cellctl.engine import State
 from cellctl.records import TableStateRow
@@ -22,6 +21,7 @@ from procedures.steps.tracker.rows import (
     TrackerVerdict,
     WarmUpRow,
 )
+from tests.helpers.steps import CELL, PROCEDURES, FakeRun, Faults, Truth, run_fake
 
 PROCEDURE = PROCEDURES / "tracker_calibration.yaml"
 FEW: dict[str, Any] = {"poses_fit": 30, "poses_test": 10, "monuments_every": 12, "model": "geometry", "turn_points": 5}

@@ -10,11 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_tracker_cell import CELL, PROCEDURES, ROBOT, FakeRobot, FakeRun, Faults, Truth, run_fake
-from kr5_model import kr5_model
-from own_arm import pose_of
 from scipy.spatial.transform import Rotation
-from step_contexts import Context
 
 from cellctl.engine import State
 from cellctl.files import InputError, load_yaml
@@ -26,6 +22,9 @@ from cellctl.report import write_report
 from procedures.steps.tracker.model_files import check_model, read_model_of
 from procedures.steps.tracker.plans import check_method
 from procedures.steps.tracker.rows import CompensatedRow, PoseRow, SetUpRow, TargetPlanRow, TargetsRow, TrackerVerdict
+from tests.helpers.arms import kr5_model
+from tests.helpers.own_model import pose_of
+from tests.helpers.steps import CELL, PROCEDURES, ROBOT, Context, FakeRobot, FakeRun, Faults, Truth, run_fake
 
 PROCEDURE = PROCEDURES / "compensate_and_verify.yaml"
 FEW: dict[str, Any] = {"targets": 8, "registration_poses": 15, "poses_fit": 30, "model": "geometry"}

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_tracker_cell import CELL, PROCEDURES, ROBOT, FakeRobot, FakeRun, run_fake
 
 from cellctl.devices import CorrectionModel, CorrectionReport, CorrectionSample
 from cellctl.engine import State
@@ -15,6 +14,7 @@ from cellctl.formats import TableFile
 from drivers.kuka_rsi.cyclic.online_block import pack
 from drivers.kuka_rsi.cyclic.online_model import OnlineModel
 from procedures.steps.tracker.rows import CompensatedRow, CorrectionModelRow, PoseRow, TargetsRow, TrackerVerdict
+from tests.helpers.steps import CELL, PROCEDURES, ROBOT, FakeRobot, FakeRun, run_fake
 
 PROCEDURE = PROCEDURES / "online_correction.yaml"
 SETTINGS: dict[str, Any] = {"targets": 12, "poses_fit": 30, "model": "geometry", "monuments_every": 6}

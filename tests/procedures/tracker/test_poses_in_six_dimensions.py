@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_tracker_cell import PROCEDURES, FakeRun, Faults, run_fake
 
 from cellctl.engine import State
 from cellctl.formats import DataSet
 from procedures.steps.tracker.rows import PoseRow, SixRow, TrackerVerdict
+from tests.helpers.steps import PROCEDURES, FakeRun, Faults, run_fake
 
 PROCEDURE = PROCEDURES / "pose_calibration.yaml"
 FEW: dict[str, Any] = {"poses_fit": 24, "poses_test": 8, "model": "geometry", "turn_points": 5}

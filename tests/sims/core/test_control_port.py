@@ -6,7 +6,6 @@ import threading
 from itertools import pairwise
 
 import pytest
-from simulated_devices import catalogue
 
 from sims import kernel as kernel_module
 from sims.control import STRIDE_NS, ControlPort
@@ -15,6 +14,7 @@ from sims.kernel import Kernel
 from sims.krc._rsi_exchange import target_of
 from sims.scene.safety import Safety
 from sims.wires import Wire
+from tests.helpers.sims import catalogue
 
 MS = 1_000_000
 PATIENCE_S = 90

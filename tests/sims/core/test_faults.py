@@ -3,9 +3,9 @@
 import re
 
 import pytest
-from simulated_devices import catalogue, read_fault
 
 from sims.faults import FaultError, Faults
+from tests.helpers.sims import catalogue, read_fault
 
 MS = 1_000_000
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 
 import can
 import pytest
-from simulated_devices import catalogue, setup_of
-from true_worlds import with_errors
 
 from sims.drives._server import DriveServer
 from sims.faults import Faults
 from sims.kernel import Kernel
+from tests.helpers.sims import catalogue, setup_of, with_errors
 
 MS = 1_000_000
 

@@ -1,7 +1,8 @@
 """Benches with a laser station."""
 
 import pytest
-from laser_bench import Bench, Scene
+
+from tests.helpers.station import Bench, Scene
 
 
 @pytest.fixture

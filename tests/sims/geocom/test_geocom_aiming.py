@@ -3,7 +3,8 @@
 from math import cos, pi, radians, sin
 
 import pytest
-from laser_bench import Reflector
+
+from tests.helpers.station import Reflector
 
 S = 1_000_000_000
 LEVEL = pi / 2

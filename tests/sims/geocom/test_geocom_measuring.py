@@ -4,10 +4,10 @@ from math import cos, hypot, pi, radians, sin
 
 import numpy as np
 import pytest
-from laser_bench import Air, Arm, Reflector, Scene, World
 
 from sims.geocom import _optics
 from sims.geocom._accuracy import ARCSEC, PROFILES
+from tests.helpers.station import Air, Arm, Reflector, Scene, World
 
 PLACE = (1200.0, 2400.0, -300.0)
 HZ, V = np.arctan2(PLACE[0], PLACE[1]), np.arctan2(hypot(*PLACE[:2]), PLACE[2])

@@ -7,8 +7,6 @@ from math import atan2, cos, hypot, sin
 
 import numpy as np
 import pytest
-from laser_cells import write_cell
-from simulated_devices import catalogue, setup_of
 
 from sims.cell import read_cell
 from sims.faults import Faults
@@ -17,6 +15,8 @@ from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.simulator import CannotStart
 from sims.simulators import installed
+from tests.helpers.sims import catalogue, setup_of
+from tests.helpers.station import write_cell
 
 PATIENCE_S = 60
 

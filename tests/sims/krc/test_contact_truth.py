@@ -6,7 +6,8 @@ from math import dist, hypot, radians
 
 import numpy as np
 import pytest
-from a1_searches import HOME, STEP_DEG, TOUCH_MM, cell_with_sphere
+
+from tests.helpers.sims import HOME, STEP_DEG, TOUCH_MM, cell_with_sphere
 
 
 def search(pc, cycles, step=STEP_DEG, stop_after=None):

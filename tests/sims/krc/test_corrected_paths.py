@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from corrected_cells import HEAVY_CELL
-from corrected_paths import Path, identified, lag_of, travel
 
 from sims.cell import read_cell
+from tests.helpers.simulated_robots import HEAVY_CELL, TcpPath, identified, lag_of, travel
 
 HEAVY = read_cell(HEAVY_CELL)
 SPEEDS_MM_S = (100.0, 200.0, 300.0)
@@ -25,7 +24,7 @@ def test_the_correction_brings_the_path_of_a_program_near_the_nominal_one_at_eve
     pc = bench(errors=HEAVY.simulate.errors, cell=HEAVY)
     print(f"\n{shape}: speed mm/s; before mean, max; after mean, max (mm); delay ms, by it mm")
     for speed in SPEEDS_MM_S:
-        path = Path.of(shape, speed, model)
+        path = TcpPath.of(shape, speed, model)
         before = travel(pc, path, model, corrected=False).deviation(path)
         way = travel(pc, path, model, corrected=True)
         after, lag = way.deviation(path), lag_of(way, model)

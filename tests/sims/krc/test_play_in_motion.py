@@ -6,10 +6,10 @@ import json
 from math import dist
 
 import pytest
-from a1_searches import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
 
 from sims.conditions import Conditions
 from sims.memory import Memory
+from tests.helpers.sims import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
 
 
 @pytest.fixture

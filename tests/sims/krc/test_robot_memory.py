@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from a1_searches import HOME, STEP_DEG, cell_with_sphere, search_until_contact
 
 from sims.memory import BadMemory, Memory
+from tests.helpers.sims import HOME, STEP_DEG, cell_with_sphere, search_until_contact
 
 THERE = (10.0, -80.0, 90.0, 0.0, 45.0, 20.0)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import dist
 
 import pytest
-from a1_searches import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
+
+from tests.helpers.sims import HOME, TOUCH_MM, cell_with_sphere, search_until_contact
 
 
 def touch(pc):

@@ -7,11 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from simulated_devices import setup_of
-from tcp_bench import TcpBench
 
 from sims.cell import read_cell
 from sims.plc._server import PlcServer
+from tests.helpers.sims import TcpBench, setup_of
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 

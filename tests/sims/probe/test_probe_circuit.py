@@ -1,13 +1,13 @@
 """The loop's voltage: bounces, and the faults that change it."""
 
 import pytest
-from simulated_devices import catalogue, read_fault
 
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.probe._firmware import Level, level_of
 from sims.probe._server import Circuit
 from sims.scene.contact import ContactLoop
+from tests.helpers.sims import catalogue, read_fault
 
 MS = 1_000_000
 

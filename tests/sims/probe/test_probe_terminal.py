@@ -6,12 +6,12 @@ import select
 import threading
 
 import pytest
-from simulated_devices import catalogue, read_fault, setup_of
 
 from sims.cell import read_cell
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.probe._server import ProbeServer
+from tests.helpers.sims import catalogue, read_fault, setup_of
 
 MS = 1_000_000
 PATIENCE_S = 90

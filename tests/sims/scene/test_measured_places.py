@@ -5,8 +5,6 @@ from math import atan2, degrees, dist
 
 import numpy as np
 import pytest
-from simulated_devices import catalogue, read_fault
-from true_worlds import with_errors
 
 from sims.cell import Distance, FlangeReflector, Nest, Reflectors, Station
 from sims.faults import Faults
@@ -14,6 +12,7 @@ from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.robot_file import Frame
 from sims.scene.scene import Scene
+from tests.helpers.sims import catalogue, read_fault, with_errors
 
 STATION = Station(
     frame=Frame((2500.0, -1500.0, 300.0), (150.0, 0.0, 0.0)),

@@ -1,13 +1,12 @@
 """The true motor currents of the arm as devices read them: direction of approach, brakes, and after a restart."""
 
 import pytest
-from simulated_devices import catalogue
-from true_worlds import with_errors
 
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.scene.scene import Scene
+from tests.helpers.sims import catalogue, with_errors
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 S = 1_000_000_000

@@ -3,12 +3,11 @@
 from math import dist
 
 import pytest
-from simulated_devices import catalogue
-from true_worlds import with_errors
 
 from sims.cell import Plate
 from sims.faults import Faults
 from sims.scene.scene import Scene
+from tests.helpers.sims import catalogue, with_errors
 
 
 @pytest.fixture

@@ -6,12 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from simulated_devices import setup_of
-from tcp_bench import TcpBench
 
 from sims.cell import read_cell
 from sims.memory import Memory
 from sims.varproxy._controller import start
+from tests.helpers.sims import TcpBench, setup_of
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/varproxy_cell.yaml")
 

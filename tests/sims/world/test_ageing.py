@@ -11,9 +11,9 @@ from math import exp, hypot
 import numpy as np
 import pytest
 import yaml
-from true_worlds import BENT, CELL, world
 
 from sims.cell import ERRORS
+from tests.helpers.sims import BENT, CELL, world
 
 MINUTE_NS = 60_000_000_000
 # the link table stretched out, base to flange: d1 and a1, a2, a3, d4, d6

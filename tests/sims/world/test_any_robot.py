@@ -11,7 +11,6 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from true_worlds import BENT, CELL, with_errors
 
 from cellctl.formats import RobotFile
 from cellctl.formats.description import RobotDescription, robot_text
@@ -20,6 +19,7 @@ from sims.conditions import Conditions
 from sims.robot_file import read_robot
 from sims.section import Section
 from sims.world import World
+from tests.helpers.sims import BENT, CELL, with_errors
 
 CELLS = Path(__file__).parents[3] / "procedures/cells"
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)

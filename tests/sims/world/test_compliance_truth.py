@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
-from true_worlds import BENT, CELL, world
 
 from sims.cell import ERRORS
 from sims.conditions import Conditions
 from sims.world._gravity import Body, Compliance, Falls, Mass
 from sims.world.kinematics import Axis
+from tests.helpers.sims import BENT, CELL, world
 
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 STRETCHED = (0.0,) * 6

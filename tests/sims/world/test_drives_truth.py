@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from true_worlds import BENT, world
 
 from sims.cell import ERRORS
 from sims.conditions import Conditions
 from sims.world.drives import Backlash
+from tests.helpers.sims import BENT, world
 
 ANGLE = st.floats(-180.0, 180.0)
 

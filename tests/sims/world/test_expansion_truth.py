@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from true_worlds import BENT, CELL, world
 
 from sims.conditions import Conditions
 from sims.world.environment import expansions
+from tests.helpers.sims import BENT, CELL, world
 
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 STRETCHED = (0.0,) * 6

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from own_kinematics import turn
-from true_worlds import with_errors
 
 from sims.conditions import Payload
 from sims.world._gravity import GRAVITY_M_S2, Mass, drawn_body
 from sims.world.drives import PRESLIDING_DEG, slid
 from sims.world.kinematics import nominal_geometry
 from sims.world.world import World
+from tests.helpers.own_model import turn
+from tests.helpers.sims import with_errors
 
 POSE = (20.0, -60.0, 70.0, 35.0, -40.0, 100.0)
 SEED = 7

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_devices import catalogue
-from true_worlds import BENT, CELL, with_errors
 
 from sims.conditions import Conditions, Payload
 from sims.faults import Faults
 from sims.scene.scene import Scene
 from sims.world import World
+from tests.helpers.sims import BENT, CELL, catalogue, with_errors
 
 LEVEL = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)  # the flange's z is level: 5 kg at the tip of the tool bend it most
 G = 9.80665

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from true_worlds import BENT, CELL, world
 
 from sims.cell import ERRORS
+from tests.helpers.sims import BENT, CELL, world
 
 READINGS = st.tuples(*[st.floats(joint.min, joint.max) for joint in CELL.robot.joints])
 

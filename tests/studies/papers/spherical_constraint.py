@@ -7,11 +7,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from volumetric import workspace_of
-
 from cellctl.calibration import FitResult, Task, Tolerances
 from cellctl.kinematics import Link, LinkTable, SerialChain
 from cellctl.kinematics._conversion import to_poe
+from tests.helpers.simulated_data import workspace_of
 from tests.studies.constraint_kinds import ANCHORS, ONE, PLANES, Rows, bars, measured, planes, sockets, spheres, wires
 from tests.studies.papers.statements import Figure, Numbers, Ordering, Paper, Section, numbers_under, under
 from tests.studies.papers.table_errors import simulated

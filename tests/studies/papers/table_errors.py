@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from own_arm import OwnArm, kr5
-from own_campaigns import Campaign, nominal_of
 
 from cellctl.calibration import RowBlocks, Split, Task, ToolDeflection, TouchRows, fit
+from tests.helpers.own_campaigns import Campaign, nominal_of
+from tests.helpers.own_model import OwnArm, kr5
 from tests.studies.papers.statements import Numbers
 from tests.studies.papers.world import Floats
 

@@ -9,13 +9,13 @@ from typing import Any, Self, final
 import numpy as np
 import yaml
 from scipy.optimize import brentq
-from volumetric import best_rigid
 
 from cellctl.calibration import FitResult, RobotModel, Split, Task, fit
 from cellctl.formats import DataSet, RobotFile, measurements
 from cellctl.formats.artefact import Artefact
 from cellctl.planning import PlannedTouch, Plate, RobotPostures, SphereTarget, plan_touches
 from cellctl.planning.ways import Reach
+from tests.helpers.simulated_data import best_rigid
 from tests.studies.papers.world import Floats, PaperWorld
 
 

@@ -1,0 +1,45 @@
+"""One time left for a whole run: from what its steps expect, and from the pace of what was done."""
+
+from cellctl.engine import Passes
+from cellctl.operations.campaign import load_campaign
+from cellctl.procedure import phase_titles
+from tests.helpers.runs import SELFCAL
+
+
+def test_the_time_left_is_that_of_the_whole_run_and_not_of_the_loop():
+    now = [0.0]
+    passes = Passes(100, lambda: now[0])
+    passes.loop("points", 0, 40)
+    passes.step_begins()
+    now[0] = 30.0
+    passes.loop("points", 10, 40)
+    assert (passes.done, passes.total, passes.left_s) == (10, 100, 270.0)
+
+
+def test_a_loop_in_a_loop_counts_once_and_an_unexpected_pass_adds_to_all():
+    passes = Passes(3)
+    for index in range(2):
+        passes.loop("rounds", index, 2)
+        for inner in range(3):
+            passes.loop(f"rounds[{index}].standoffs", inner, 2)
+    passes.loop("rounds", 2, 2)
+    assert (passes.done, passes.total) == (4, 4)
+
+
+def test_passes_that_a_resumed_run_skips_do_not_make_the_others_look_short():
+    now = [0.0]
+    passes = Passes(20, lambda: now[0])
+    passes.loop("points", 10, 20)
+    passes.step_begins()
+    now[0] = 8.0
+    passes.loop("points", 12, 20)
+    assert passes.left_s == 32.0
+
+
+def test_the_shipped_campaign_says_how_much_there_is_to_do_in_readable_phases():
+    campaign = load_campaign(SELFCAL, None, [], resumed=True)
+    assert campaign.expected_passes == 80 + 4 + 8 + 60 + 3
+    titles = phase_titles(campaign.procedure, campaign.registry)
+    assert titles["touch"] == "Touch the spheres"
+    assert titles["locate"] == "Locate the proof sphere"
+    assert titles["identify"] == "identifying the robot"
