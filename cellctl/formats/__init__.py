@@ -9,9 +9,9 @@ from cellctl.formats.dataset import DataSet, Rejected
 from cellctl.formats.fit_report import fit_report, sentence
 from cellctl.formats.measurements import Measurements, measurements, nominal_model
 from cellctl.formats.model import ModelFile
-from cellctl.formats.robot import RobotFile
 from cellctl.formats.table import TableFile, table_problems
 from cellctl.formats.table_making import compensated_targets, table_of
+from cellctl.robot_file import RobotFile
 
 __all__ = [
     "Artefact",

@@ -12,8 +12,8 @@ from cellctl.calibration import RobotModel
 from cellctl.files import InputError, Problem
 from cellctl.formats.measurements import Measurements
 from cellctl.formats.model import ModelFile
-from cellctl.formats.robot import RobotFile
 from cellctl.kinematics import Floats
+from cellctl.robot_file import RobotFile
 
 GROUPS = ("zeros", "links", "geometry", "tool", "base", "points", "datums")
 """Groups that every model has; its effects are groups of their own."""

@@ -13,7 +13,7 @@ from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files import Path as Place
 from cellctl.files.kinds import ARTEFACT, CELL, kind_of_content, refuse_other_kind
 from cellctl.files.validated import validated
-from cellctl.formats.robot import Positive, Triple
+from cellctl.robot_file import Positive, Triple
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 Name = Annotated[str, Field(min_length=1)]

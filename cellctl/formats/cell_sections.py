@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from cellctl.files import Document, InputError, Problem
 from cellctl.files.validated import validated
 from cellctl.formats.artefact import Distance, Name
-from cellctl.formats.robot import Angles, Direction, Number, Positive, RobotFile, Triple
+from cellctl.robot_file import Angles, Direction, Number, Positive, RobotFile, Triple
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 

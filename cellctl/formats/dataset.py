@@ -16,9 +16,9 @@ import numpy as np
 
 from cellctl.files import InputError, Problem, sha256_of, write_atomically
 from cellctl.files.kinds import DATA_SET, kind_of, read_bytes, refuse_other_kind
-from cellctl.formats.robot import RobotFile
 from cellctl.formats.spreadsheet_text import decoded, named, separator, with_points
 from cellctl.kinematics import Bools, Floats
+from cellctl.robot_file import RobotFile
 
 Cell: TypeAlias = str | int | float
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Self, final
 
 from cellctl.files import InputError, Problem, parse_yaml
-from cellctl.formats.robot import UPRIGHT, Mounting, RobotFile, StatedTolerances, Tilt
 from cellctl.kinematics import (
     AxisTable,
     Convention,
@@ -24,6 +23,7 @@ from cellctl.kinematics import (
     to_mdh,
     to_poe,
 )
+from cellctl.robot_file import UPRIGHT, Mounting, RobotFile, StatedTolerances, Tilt
 
 LEVEL = 1e-3
 """A frame tilted by less than this is upright, rad: less than an instrument's base is known to be level."""

@@ -12,7 +12,6 @@ import numpy as np
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import DataSet, text_of
 from cellctl.formats.description import DECIMALS_DEG, DECIMALS_MM, JointSaid, RobotDescription
-from cellctl.formats.robot import looks_like_radians, parallel_to_neighbour
 from cellctl.kinematics import (
     Floats,
     Link,
@@ -24,6 +23,7 @@ from cellctl.kinematics import (
     to_craig,
     to_mdh,
 )
+from cellctl.robot_file import looks_like_radians, parallel_to_neighbour
 
 CONVENTIONS = ("mdh-hayati", "dh-craig")
 _LINK = ("theta", "d", "a", "alpha")

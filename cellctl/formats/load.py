@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from cellctl.calibration import Postures
 from cellctl.files import Document
 from cellctl.files.validated import validated
-from cellctl.formats.robot import Triple
 from cellctl.kinematics import Floats
+from cellctl.robot_file import Triple
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 

@@ -35,8 +35,8 @@ from cellctl.files.plain_words import content_problems, read_json
 from cellctl.formats._joint_box import JointBox
 from cellctl.formats.load import LoadRegion
 from cellctl.formats.measurements import Measurements, nominal_model
-from cellctl.formats.robot import Number, RobotFile
 from cellctl.kinematics import Bools, Floats, JointMap
+from cellctl.robot_file import Number, RobotFile
 
 GREATEST = 1e9
 """No parameter, and no σ, is greater than this, in any unit."""

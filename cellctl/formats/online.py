@@ -13,7 +13,7 @@ from cellctl.compensation.online import online_arrays
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
 from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
-from cellctl.formats.robot import Number
+from cellctl.robot_file import Number
 
 FORMAT: Literal["cellctl correction 1"] = "cellctl correction 1"
 _CURE = "give a file that `online_correction` wrote"

@@ -17,8 +17,8 @@ from cellctl.formats._prior import from_prior
 from cellctl.formats.dataset import DataSet, Rejected
 from cellctl.formats.measurements import Measurements, measurements, refuse_alike
 from cellctl.formats.model import ModelFile
-from cellctl.formats.robot import RobotFile
 from cellctl.kinematics import Bools, Floats
+from cellctl.robot_file import RobotFile
 
 FAR = 6.0
 """Distance from the middle of all errors, in medians of that distance: 9 σ of errors that are normal in 3-D."""

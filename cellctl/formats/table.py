@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.plain_words import content_problems, read_json
-from cellctl.formats.robot import Number, RobotFile, Tool
 from cellctl.kinematics import Floats
+from cellctl.robot_file import Number, RobotFile, Tool
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 _Name = Annotated[str, Field(min_length=1)]

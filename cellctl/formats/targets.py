@@ -10,9 +10,9 @@ import numpy as np
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import DataSet, Sieve, joint_readings, text_of
-from cellctl.formats.robot import RobotFile
 from cellctl.kinematics import Floats, abc_from_rotation, pose, rotation_from_abc, rotation_from_quaternion
 from cellctl.planning import TargetSet
+from cellctl.robot_file import RobotFile
 
 _ABC = ("A", "B", "C")
 _QUATERNION = ("QW", "QX", "QY", "QZ")

@@ -32,9 +32,11 @@ def pose(rotation: ArrayLike, xyz: ArrayLike) -> Floats:
 
 def rotation_from_abc(abc: ArrayLike) -> Floats:
     """Rotation matrices (..., 3, 3) from KUKA angles A, B, C (..., 3), degrees."""
+    angles = np.asarray(abc, float)
+    if not angles.any():  # most bases and tools: SciPy is not needed for them
+        return np.tile(np.eye(3), (*angles.shape[:-1], 1, 1))
     from scipy.spatial.transform import Rotation  # at first use: it takes 0.2 s
 
-    angles = np.asarray(abc, float)
     matrices: Floats = Rotation.from_euler("ZYX", angles.reshape(-1, 3), degrees=True).as_matrix()
     return matrices.reshape((*angles.shape[:-1], 3, 3))
 

@@ -11,9 +11,8 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.files import InputError, Problem
-from cellctl.formats import RobotFile
-from cellctl.formats.robot import SecondSource, Source
 from cellctl.installed import near, shipped
+from cellctl.robot_file import Frame, RobotFile, SecondSource, Source, Tool
 
 COLUMNS = ("name", "robot", "joints", "reach, mm", "payload, kg", "checked")
 
@@ -79,15 +78,22 @@ def reach_mm(robot: RobotFile) -> float:
 
     Found by turning one joint after the other to its best angle on a grid that narrows, from several postures.
     """
-    chain, joints, limits = robot.chain().with_base(np.eye(4)), robot.joint_map(), robot.limits()
+    bare = robot.model_copy(update={"base": Frame(), "tool": Tool()})
+    chain, joints, limits = bare.chain(), robot.joint_map(), robot.limits()
     reached = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (6, robot.n))
     for share in (1.0, 1.0, 1.0, 0.1, 0.1, 0.01):
         steps = share * np.linspace(-1.0, 1.0, 41)[:, None] * (limits[:, 1] - limits[:, 0])
         for joint in range(1, robot.n):
-            tried = np.repeat(reached[None], len(steps), axis=0)
-            tried[..., joint] = np.clip(tried[..., joint] + steps[:, joint, None], *limits[joint])
-            far = np.hypot(*np.moveaxis(chain.forward_flange(joints.model(tried))[..., :2, 3], -1, 0))
-            reached = tried[far.argmax(axis=0), np.arange(len(reached))]
+            # p(t) = o + (u·r) u + cos t (r − (u·r) u) + sin t u × r: the flange, r from the joint's axis u through o
+            frames = chain.frames(joints.model(reached))
+            axis, origin = frames[:, joint, :3, 2], frames[:, joint, :3, 3]
+            arm = frames[:, -1, :3, 3] - origin
+            along = np.sum(axis * arm, axis=-1, keepdims=True) * axis
+            tried = np.clip(reached[:, joint] + steps[:, joint, None], *limits[joint])
+            turn = np.deg2rad(joints.sign[joint] * (tried - reached[:, joint]))[..., None]
+            flange = origin + along + np.cos(turn) * (arm - along) + np.sin(turn) * np.cross(axis, arm)
+            far = np.hypot(flange[..., 0], flange[..., 1])
+            reached[:, joint] = tried[far.argmax(axis=0), np.arange(len(reached))]
     return float(far.max())
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from cellctl.files import InputError
 from cellctl.formats import Artefact, RobotFile, measurements
 from cellctl.formats.dataset import DataSet, joints_of
-from cellctl.formats.robot import Tool
 from cellctl.operations.robot_library import robots
+from cellctl.robot_file import Tool
 from cellctl.setup_check.hypothesis import Setup
 from cellctl.setup_check.misfit import misfit
 

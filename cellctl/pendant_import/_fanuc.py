@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.robot import RobotFile
 from cellctl.pendant_import._points import Point, RawList, Taught, unified
 from cellctl.pendant_import.choices import Choices
+from cellctl.robot_file import RobotFile
 
 _LS = re.compile(r"^\s*/(?:PROG|POS)\b", re.MULTILINE)
 _SECTION = re.compile(r"^\s*/POS\b(?P<body>.*?)(?:^\s*/END\b|\Z)", re.MULTILINE | re.DOTALL)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, final
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.robot import RobotFile
 from cellctl.pendant_import._instrument import of_group, with_times
 from cellctl.pendant_import._joint_list import joint_points, joint_texts
 from cellctl.pendant_import._pairing import LeftOut, Pairing, paired
@@ -24,6 +23,7 @@ from cellctl.pendant_import._positions import (
 )
 from cellctl.pendant_import._programs import Targets, program_targets
 from cellctl.pendant_import.choices import Choices
+from cellctl.robot_file import RobotFile
 
 
 @final

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import BEYOND_LIMITS_DEG
-from cellctl.formats.robot import RobotFile
 from cellctl.pendant_import._fanuc import between_the_arms
 from cellctl.pendant_import._points import Point, PointList, RawList, Value, read_values
 from cellctl.pendant_import._programs import program_postures
 from cellctl.pendant_import._typed_table import Cells, cells_of, headed, lacking, optional_columns, raw_points, unheaded
 from cellctl.pendant_import.choices import AngleUnit, Choices
+from cellctl.robot_file import RobotFile
 
 _JOINT = re.compile(r"[AJq]([1-9]\d?)")
 _EXTERNAL = re.compile(r"E\d")

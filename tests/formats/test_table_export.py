@@ -7,10 +7,10 @@ import pytest
 
 from cellctl.files import InputError
 from cellctl.formats import TableFile
-from cellctl.formats.robot import Tool
 from cellctl.formats.table import TableRegion, TableRobot, TableSource, table_rows
 from cellctl.formats.table_export import krl_module, module_name, nominal_name, targets_csv
 from cellctl.krl import Control, KrlFile
+from cellctl.robot_file import Tool
 from tests.helpers.krl import Krl
 
 

@@ -9,8 +9,8 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.formats import RobotFile
-from cellctl.formats.robot import SecondSource
 from cellctl.installed import robot_file, shipped
+from cellctl.robot_file import SecondSource
 from sims.cell import CellError, read_cell
 from sims.robot_file import read_robot
 from sims.section import Section

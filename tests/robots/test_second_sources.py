@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from cellctl.formats import RobotFile
-from cellctl.formats.robot import SecondSource
 from cellctl.installed import shipped
+from cellctl.robot_file import SecondSource
 
 SECOND = yaml.safe_load((Path(__file__).parent / "second_sources.yaml").read_text(encoding="utf-8"))
 CHECKED = sorted(

@@ -9,8 +9,8 @@ import numpy as np
 
 from cellctl.calibration import Postures
 from cellctl.formats.dataset import Sieve
-from cellctl.formats.robot import RobotFile
 from cellctl.kinematics import Floats
+from cellctl.robot_file import RobotFile
 
 REFERENCE_C = 20.0
 """Temperature at which lengths hold (ISO 1)."""

@@ -44,8 +44,8 @@ from cellctl.formats.measurements.repeats import (
     reject_lone,
     reject_lone_zeros,
 )
-from cellctl.formats.robot import RobotFile
 from cellctl.kinematics import Floats
+from cellctl.robot_file import RobotFile
 
 _Reading: TypeAlias = Positions | Poses | Reaches | Planes | Sockets
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.calibration import Effect, EffectInputs, Postures, RobotModel, kinds
 from cellctl.files import InputError, Problem
-from cellctl.formats.robot import RobotFile
+from cellctl.robot_file import RobotFile
 
 ModelChoice: TypeAlias = str
 """`auto`, `registration`, or terms joined by `+`: geometry (or zeros: joint zeros alone) and effects, in any order."""

@@ -20,8 +20,8 @@ from cellctl.formats.measurements.kinds import (
     place_sigma,
     rotation_sigma,
 )
-from cellctl.formats.robot import RobotFile
 from cellctl.kinematics import Floats, pose, rotation_from_abc, rotation_from_quaternion
+from cellctl.robot_file import RobotFile
 
 
 @final

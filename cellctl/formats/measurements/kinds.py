@@ -12,8 +12,8 @@ import numpy as np
 from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.dataset import DataSet, Sieve
-from cellctl.formats.robot import RobotFile
 from cellctl.kinematics import Floats
+from cellctl.robot_file import RobotFile
 
 Kind: TypeAlias = Literal["sphere", "plane", "socket", "distance", "pose", "position"]
 """What a row measures; distance: from an unknown fixed point (ball-bar, draw-wire)."""
