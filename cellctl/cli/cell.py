@@ -13,7 +13,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
-from cellctl.cli.ends import Exit
+from cellctl.cli.exit_codes import Exit
 from cellctl.cli.run_progress import show_warnings
 from cellctl.clock import WallClock
 from cellctl.console.server import serve

@@ -11,7 +11,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, refused_rows, to_stdout, write_json
-from cellctl.cli.ends import SHOWN, Exit
+from cellctl.cli.exit_codes import SHOWN, Exit
 from cellctl.clock import calendar_time
 from cellctl.devices.cell import TABLE_CORRECTION_DEG
 from cellctl.files import InputError, Problem, write_atomically

@@ -10,7 +10,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
-from cellctl.cli.ends import SHOWN
+from cellctl.cli.exit_codes import SHOWN
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import RobotFile
 from cellctl.formats.dataset import text_of

@@ -11,7 +11,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import Unwritten, refuse_json_on_stdout, refuse_outputs, shown_name, to_stdout, write_json
-from cellctl.cli.ends import SHOWN, Exit
+from cellctl.cli.exit_codes import SHOWN, Exit
 from cellctl.cli.fit_progress import shown_progress
 from cellctl.files import write_atomically
 from cellctl.formats import DataSet, ModelFile

@@ -9,11 +9,11 @@ def main() -> None:
         import signal
 
         signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # for the handler of that one
-        from cellctl.cli import ends, streams
+        from cellctl.cli import exit_codes, streams
         from cellctl.cli.verbs import app
 
         streams.prepare()
-        code = ends.exit_code_of(lambda: app(standalone_mode=False))
+        code = exit_codes.exit_code_of(lambda: app(standalone_mode=False))
         for number in (signal.SIGINT, signal.SIGTERM):  # the call has ended: there is nothing to abort
             signal.signal(number, signal.SIG_IGN)
     except KeyboardInterrupt:

@@ -11,7 +11,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
-from cellctl.cli.ends import NOTHING_MOVED, adding
+from cellctl.cli.exit_codes import NOTHING_MOVED, adding
 from cellctl.cli.run_progress import (
     ConfirmingAtTerminal,
     exit_of,

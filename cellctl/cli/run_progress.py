@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from cellctl.cli.arguments import in_minutes, write_json
-from cellctl.cli.ends import SHOWN, Exit, errors_text
+from cellctl.cli.exit_codes import SHOWN, Exit, errors_text
 from cellctl.devices.cell import Cell
 from cellctl.engine import AbortedByInterlock, Mailbox, NobodyWatching, Operator, Outcome, Passes, State, Watcher
 from cellctl.files import InputError

@@ -9,7 +9,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs
-from cellctl.cli.ends import Exit, adding
+from cellctl.cli.exit_codes import Exit, adding
 from cellctl.cli.table_history import Runs, State, diff, history, recorded, show_result
 from cellctl.cli.table_output import export_csv, export_krl, in_force_words, refuse_export, state_words, table_words
 from cellctl.devices import TableStore

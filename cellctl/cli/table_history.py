@@ -11,7 +11,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
-from cellctl.cli.ends import Exit
+from cellctl.cli.exit_codes import Exit
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile
 from cellctl.operations.table import TableCell, TableRecorder, controller_table, differences, state_of

@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group_from_info
 from typer.models import TyperInfo
 
-from cellctl.cli.ends import Interrupted
+from cellctl.cli.exit_codes import Interrupted
 from cellctl.version import __version__
 
 for _library in ("OPENBLAS", "MKL", "OMP"):  # small matrices: more linear algebra threads only add waiting

@@ -109,7 +109,7 @@ class StepExecution:
         if path in self._done and action.on_resume is OnResume.SKIP:
             return
         while True:
-            await self._at_border()
+            await self._wait_while_held()
             started = StepStarted(path, self._record.next_attempt(path), False, "confirm")
             with suppress(StoppedByInterlock):
                 async with self._interlocks.stoppable():
@@ -126,7 +126,7 @@ class StepExecution:
         retryable = tuple(kind.retryable()[name] for name in step.retry.on)
         failed = 0
         while True:
-            await self._at_border()
+            await self._wait_while_held()
             self._clear_stops()
             self._failure = None
             self.moved = self.moved or kind.moves
@@ -212,7 +212,7 @@ class StepExecution:
 
         return await self._recorder.attempt(StepStarted(path, attempt, kind.moves, step.do), limit, done)
 
-    async def _at_border(self) -> None:
+    async def _wait_while_held(self) -> None:
         """Between two steps: check interlocks and inputs, and wait while the run is blocked."""
         await self._interlocks.look()
         await self._reports.between_steps()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.devices import DeviceFault, DeviceLost, NoContact, ProbeNotOpen
 from cellctl.engine import Mailbox, State
 from cellctl.journal import Outcome
@@ -48,7 +48,7 @@ def test_a_procedure_with_five_errors_names_all_five_and_opens_no_socket(
         raise AssertionError("a socket was opened")
 
     monkeypatch.setattr(socket, "socket", no_socket)
-    assert ends.exit_code_of(lambda: load_campaign(procedure, None, [])) == 2
+    assert exit_codes.exit_code_of(lambda: load_campaign(procedure, None, [])) == 2
     said = capsys.readouterr().err
     for place, word in (
         ("five.yaml:5:", "default"),

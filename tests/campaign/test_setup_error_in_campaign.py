@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli.ends import Exit
+from cellctl.cli.exit_codes import Exit
 from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.engine import State
 from cellctl.operations.run_folder import result_of

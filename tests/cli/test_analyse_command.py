@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import RobotFile
 from tests.helpers.reports import Page
@@ -43,7 +43,7 @@ def write(readings, places, file="data.csv"):
 @pytest.fixture
 def cellctl(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return lambda *words: exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 def analysed(cellctl, *options, robot=ROBOT, data="data.csv", check=False):

@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from tests.helpers.arms import KR5_ERRORS, kr5_model, readings_near_the_middle, targets_csv
 from tests.helpers.console import ConsoleProcess, browser, console_process
@@ -24,7 +24,7 @@ PATIENCE_MS = 60_000
 
 
 def cellctl(*words: str | Path) -> None:
-    assert ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False)) == 0
 
 
 @pytest.fixture(scope="module")

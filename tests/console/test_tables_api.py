@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.console.commands import all_audited
 from cellctl.console.shared import console
@@ -33,7 +33,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     (place / "targets.csv").write_text(targets_csv(readings_near_the_middle(8)))
     files = [place / "model.json", place / "targets.csv", "--serial", SERIAL, "-o", place / "table.json"]
     words = ["compensate", *map(str, files)]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
     whole = TableFile.load(place / "table.json")
     part = whole.model_copy(update={"rows": whole.rows[:3]})
     part = part.model_copy(update={"id": part.content_id()})

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli.ends import exit_code_of
+from cellctl.cli.exit_codes import exit_code_of
 from cellctl.cli.verbs import app
 from cellctl.files.kinds import CELL, DATA_SET, PROCEDURE, ROBOT, kind_of, kind_of_file
 from tests.helpers.arms import kr5_model

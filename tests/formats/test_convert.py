@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile, RobotFile
 from cellctl.formats.description import JointSaid, RobotDescription, robot_text
@@ -41,7 +41,7 @@ tolerances: {link_mm: 0.3, tool_deg: 1}
 
 
 def convert(capsys, *words):
-    code = ends.exit_code_of(lambda: app(["convert", *map(str, words)], standalone_mode=False))
+    code = exit_codes.exit_code_of(lambda: app(["convert", *map(str, words)], standalone_mode=False))
     said = capsys.readouterr()
     return code, said.out, said.err
 

@@ -11,7 +11,7 @@ import pytest
 from cellctl.calibration.effects._backlash import Backlash
 from cellctl.calibration.effects._compliance import JointCompliance
 from cellctl.calibration.effects._thermal_expansion import ThermalExpansion
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats.exports import Cost, abb_text, fanuc_text, joint_zeros, kuka_text, measured_postures
 from cellctl.formats.load import LoadRegion
@@ -189,7 +189,7 @@ def test_a_model_by_axes_gives_the_same_offsets():
 def test_the_command_says_what_mastering_cannot_hold_and_what_it_costs(tmp_path, capsys):
     with_zeros("kr5_r1400").save(tmp_path / "m.json")
     words = ["convert", str(tmp_path / "m.json"), "--to", "kuka", "--json", str(tmp_path / "r.json"), "-o"]
-    assert ends.exit_code_of(lambda: app([*words, str(tmp_path / "k.dat")], standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app([*words, str(tmp_path / "k.dat")], standalone_mode=False)) == 0
     said = capsys.readouterr().err
     assert "left out, as this form has no place for it: lengths and axes of the links; without" in said
     assert "the TCP is off by 0.000 mm RMS" in said
@@ -202,14 +202,14 @@ def test_the_command_says_what_mastering_cannot_hold_and_what_it_costs(tmp_path,
 
 def test_numbers_of_tool_and_base_are_refused_where_a_form_has_none(capsys):
     words = ["convert", "kr5_r1400", "--to", "urdf", "--tool-number", "3"]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 2
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == 2
     assert "--to kuka" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("form", ["kuka", "abb", "fanuc"])
 def test_a_robot_file_has_no_zeros_to_write(form, capsys):
     words = ["convert", "kr5_r1400", "--to", form]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 2
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == 2
     assert "is no model" in capsys.readouterr().err
 
 
@@ -220,7 +220,7 @@ def test_an_effect_without_a_place_is_named_and_its_distance_is_that_of_the_effe
     play.save(tmp_path / "m.json")
     for form in ("urdf", "dh-csv", "poe"):
         assert (
-            ends.exit_code_of(
+            exit_codes.exit_code_of(
                 lambda f=form: app(["convert", str(tmp_path / "m.json"), "--to", f], standalone_mode=False)
             )
             == 0
@@ -243,7 +243,7 @@ def test_an_effect_whose_conditions_are_unknown_is_said_to_be_not_counted(tmp_pa
     name = effect.parameters[0].name
     model_of(library_robot("kr5_r1400"), {name: 1e-5}, (effect,), REGION).save(tmp_path / "m.json")
     words = ["convert", str(tmp_path / "m.json"), "--to", "urdf"]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
     assert "thermal expansion is not in this distance: its conditions are unknown" in capsys.readouterr().err
 
 

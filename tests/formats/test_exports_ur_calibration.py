@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.files import InputError
 from cellctl.formats.description import RobotDescription
@@ -145,7 +145,7 @@ def test_two_calibrations_have_two_hashes():
 def test_the_command_says_that_base_tool_and_the_controllers_hash_are_not_in_it(tmp_path, capsys):
     perturbed(library_robot("ur10"), 1, 1e-3, 0.3).save(tmp_path / "m.json")
     words = ["convert", str(tmp_path / "m.json"), "--to", "ur-calibration", "-o", str(tmp_path / "c.yaml")]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
     said = capsys.readouterr().err
     assert "the TCP in tool0 is X, Y, Z" in said
     assert "hash" in said

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.files import InputError
 from cellctl.formats.description import RobotDescription
@@ -170,14 +170,14 @@ def test_the_last_link_is_asked_for_where_links_branch(file):
 def test_the_command_writes_it_and_never_over_the_users_file(file, tmp_path, capsys):
     perturbed(library_robot("kr5_r1400"), 4, 1e-3, 0.6).save(tmp_path / "m.json")
     words = ["convert", str(tmp_path / "m.json"), "--to", "urdf", "--into", str(file), "--tip", "tool0", "-o"]
-    assert ends.exit_code_of(lambda: app([*words, str(tmp_path / "new.urdf")], standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app([*words, str(tmp_path / "new.urdf")], standalone_mode=False)) == 0
     assert "base and tool of the fit are not in the URDF" in capsys.readouterr().err
     assert (tmp_path / "new.urdf").read_bytes() != KR5.encode("latin-1")
-    assert ends.exit_code_of(lambda: app([*words, str(file)], standalone_mode=False)) == 2
+    assert exit_codes.exit_code_of(lambda: app([*words, str(file)], standalone_mode=False)) == 2
     assert file.read_bytes() == KR5.encode("latin-1")
 
 
 def test_into_needs_a_model(file, tmp_path, capsys):
     words = ["convert", "kr5_r1400", "--to", "urdf", "--into", str(file)]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 2
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == 2
     assert "--into is for a model" in capsys.readouterr().err

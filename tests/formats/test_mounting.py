@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import DOWN, JointCompliance, Split, ToolDeflection, fit
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.files import InputError, parse_yaml, sha256_of
 from cellctl.formats import DataSet, ModelFile, RobotFile, from_prior, measurements, nominal_model
@@ -107,7 +107,7 @@ def test_a_robot_read_from_its_urdf_has_its_weight_pulling_downwards(tmp_path):
 def test_a_mounting_that_a_form_has_no_place_for_is_named(form, said, tmp_path, capsys):
     (tmp_path / "wall.yaml").write_text(f"{FILE.read_text()}mounting: wall\n")
     words = ["convert", str(tmp_path / "wall.yaml"), "--to", form]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == 0
     assert ("left out, as this form has no place for it: mounting" in capsys.readouterr().err) == said
 
 

@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cellctl.calibration import Effect, settings_of
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.files import load_yaml, parse_yaml
 from cellctl.formats import ModelFile, RobotFile, nominal_model, postures_of
@@ -200,7 +200,7 @@ def _cell(value: object) -> str:
 
 def cellctl(*words: object) -> int:
     """The exit code of a call of the command line."""
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 def printed_errors(capsys: pytest.CaptureFixture[str]) -> str:

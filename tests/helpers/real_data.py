@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import PositionRows, RobotModel, Task
 from cellctl.calibration.estimation.identify import registered
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 from cellctl.kinematics import Link, SerialChain
@@ -69,7 +69,7 @@ def save_real_rows(path: Path, count: int) -> Path:
 
 def cellctl(*arguments: object) -> int:
     """The exit code of a command."""
-    return ends.exit_code_of(lambda: app([str(argument) for argument in arguments], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(argument) for argument in arguments], standalone_mode=False))
 
 
 def visits(robot: str, places: Sequence[str], path: Path) -> Path:
@@ -105,6 +105,6 @@ def fitted_ur10(folder: Path, terms: str = "geometry") -> ModelFile:
         patch.chdir(folder)
         runpy.run_path("snippet.py")
     words = ["fit", "ur10", str(folder / "ur10.csv"), "--measure", "position", "--model", terms]
-    code = ends.exit_code_of(lambda: app([*words, "--out", str(folder / "m.json")], standalone_mode=False))
+    code = exit_codes.exit_code_of(lambda: app([*words, "--out", str(folder / "m.json")], standalone_mode=False))
     assert code == 0
     return ModelFile.load(folder / "m.json")

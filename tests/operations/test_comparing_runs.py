@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 from cellctl.journal import Journal, Recorded, RunStarted, SourceFile
@@ -157,7 +157,7 @@ def test_the_command_line_shows_one_run_against_another(tmp_path: Path, capsys: 
     with_models(tmp_path, 0.0, 0.5)
 
     def cellctl(*words: str) -> int:
-        return ends.exit_code_of(lambda: app(["show", *words, "--runs", str(tmp_path)], standalone_mode=False))
+        return exit_codes.exit_code_of(lambda: app(["show", *words, "--runs", str(tmp_path)], standalone_mode=False))
 
     assert cellctl("run-1", "--against", "run-2", "--json", str(tmp_path / "found.json")) == 0
     assert "a4" in capsys.readouterr().out

@@ -17,8 +17,8 @@ import event_model
 import pytest
 from pyarrow import parquet
 
-from cellctl.cli import ends
-from cellctl.cli.ends import Exit
+from cellctl.cli import exit_codes
+from cellctl.cli.exit_codes import Exit
 from cellctl.cli.verbs import app
 from cellctl.files import sha256_of
 from cellctl.journal import (
@@ -101,7 +101,7 @@ def changed(run: Path, seq: int, data: str) -> Path:
 
 
 def command(*words: str | Path) -> int:
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 def samples_of(text: str) -> list[dict[str, str]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.journal import RunStarted, RunState, SourceFile
 from cellctl.operations.run_list import RunFilter, is_simulated, run_rows
@@ -73,7 +73,7 @@ def test_a_search_finds_the_runs_that_fit_all_of_it(runs: Path, asked: dict[str,
 
 def test_the_command_line_searches_alike(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def cellctl(*words: str) -> int:
-        return ends.exit_code_of(lambda: app(["runs", "--runs", str(runs), *words], standalone_mode=False))
+        return exit_codes.exit_code_of(lambda: app(["runs", "--runs", str(runs), *words], standalone_mode=False))
 
     assert cellctl("--search", "kim", "--verdict", "better", "--json", str(tmp_path / "found.json")) == 0
     assert [row["run"] for row in json.loads((tmp_path / "found.json").read_text())["runs"]] == ["b", "c"]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.journal import fold, read_journal
 from tests.helpers.runs import ROOT, cellctl
@@ -34,7 +34,7 @@ def settings(name: str) -> list[str]:
 @pytest.mark.parametrize("name", FEW)
 def test_the_procedure_fits_its_cell(name: str) -> None:
     file = str(PAPERS / f"{name}.yaml")
-    assert ends.exit_code_of(lambda: app(["check", file, *settings(name)], standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app(["check", file, *settings(name)], standalone_mode=False)) == 0
 
 
 @pytest.mark.long

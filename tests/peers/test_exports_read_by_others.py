@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.compensation import with_frames
 from cellctl.formats import ModelFile
@@ -55,7 +55,7 @@ def converted(model: ModelFile, folder: Path, *words: str) -> str:
     """The output of `cellctl convert`."""
     model.save(folder / "m.json")
     call = ["convert", str(folder / "m.json"), *words, "-o", str(folder / "out")]
-    assert ends.exit_code_of(lambda: app(call, standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(lambda: app(call, standalone_mode=False)) == 0
     return (folder / "out").read_text()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import RobotFile
 
@@ -18,7 +18,7 @@ BOX = ("--box", "850:1250,-300:300,200:600")
 @pytest.fixture
 def cellctl(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return lambda *words: exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 def rows_of(file):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"the iiwa measurement
 
 
 def cellctl(*arguments):
-    return ends.exit_code_of(lambda: app([str(argument) for argument in arguments], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(argument) for argument in arguments], standalone_mode=False))
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"the UR10 measurement
 
 
 def cellctl(*arguments):
-    return ends.exit_code_of(lambda: app([str(argument) for argument in arguments], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(argument) for argument in arguments], standalone_mode=False))
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import subprocess
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
-from cellctl.cli.ends import Exit
+from cellctl.cli import exit_codes
+from cellctl.cli.exit_codes import Exit
 from cellctl.cli.verbs import app
 from cellctl.records import Figures
 from cellctl.report import Contribution, Run, render, report_text
@@ -149,7 +149,7 @@ def test_a_run_that_did_not_finish_is_not_accepted(make_run, campaign):
 def test_options_of_the_command_replace_what_the_cell_file_states(stated, tmp_path):
     out = tmp_path / "report.html"
     words = ["report", str(stated), "-o", str(out), "--customer", "Beta", "--limit", "9.5", "--operator", "Kai"]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == Exit.GOOD
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == Exit.GOOD
     text = summary(out.read_text())
     for words in ("customer Beta", "order 0815", "operator Kai", "limit of an error 9.5 mm", "Accepted."):
         assert words in text
@@ -157,7 +157,7 @@ def test_options_of_the_command_replace_what_the_cell_file_states(stated, tmp_pa
 
 def test_a_limit_that_is_no_length_is_refused(stated, tmp_path):
     words = ["report", str(stated), "-o", str(tmp_path / "x.html"), "--limit", "-1"]
-    assert ends.exit_code_of(lambda: app(words, standalone_mode=False)) == Exit.BAD_INPUT
+    assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == Exit.BAD_INPUT
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")

@@ -2,7 +2,7 @@
 
 from cellctl.formats.exports._controllers import JointZeros, abb_text, fanuc_text, joint_zeros, kuka_text
 from cellctl.formats.exports._fitted_forms import Cost, FittedForm, effects_left_out, fitted_geometry
-from cellctl.formats.exports._ros_descriptions import hash_of, ur_calibration, urdf_into
+from cellctl.formats.exports._urdf_and_ur import hash_of, ur_calibration, urdf_into
 from cellctl.formats.table_making import measured_postures
 
 __all__ = [

@@ -6,14 +6,32 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from cellctl.formats import ModelFile
+from cellctl.kinematics import Bools, Floats
 from cellctl.report import ReportSection, Run
+from cellctl.report.drawing import ACCENT, INK, svg_of
 from cellctl.report.figures import fixed
-from procedures.reports.sphere.reference_touches import over_travel_picture
 from procedures.steps.sphere.rows import SphereVerdict, StopFigures, TouchRow
 
 _FATES = ("late", "lost", "skipped")
+
+
+def over_travel_picture(travel: Floats, faulty: Bools) -> str:
+    """The tip's over-travel from contact to rest (N,), mm, for each touch; crosses mark telegram errors (N,)."""
+    at = np.arange(1, len(travel) + 1)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.plot(at, travel, "o", color=ACCENT, markersize=2.5)
+        if faulty.any():
+            axes.plot(at[faulty], travel[faulty], "x", color=INK, markersize=7, label="late, lost or skipped telegrams")
+            axes.legend(loc="best")
+        axes.set(xlabel="touch, in the order of the run", ylabel="over-travel, mm")
+        axes.set_ylim(0.0, 1.15 * float(travel.max()) or 1.0)
+
+    return svg_of(draw, "over-travel", 1.6, "Over-travel of the tip after contact, touch by touch")
 
 
 def build(run: Run) -> Mapping[str, Any]:

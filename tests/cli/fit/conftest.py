@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 
 ROBOT = """\
@@ -77,4 +77,4 @@ def files(tmp_path):
 def cellctl(files, monkeypatch):
     """Runs the command line in the folder of the files; the exit code."""
     monkeypatch.chdir(files)
-    return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return lambda *words: exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))

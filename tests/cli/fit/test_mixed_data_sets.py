@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import Postures
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text, drawn, joints_and_places
@@ -24,7 +24,7 @@ SPHERE, SOCKET, ANCHOR = np.array([600.0, -200.0, 300.0]), np.array([550.0, 250.
 def cellctl(tmp_path, monkeypatch):
     (tmp_path / "robot.yaml").write_text(ELBOW_ROBOT)
     monkeypatch.chdir(tmp_path)
-    return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return lambda *words: exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 @pytest.fixture

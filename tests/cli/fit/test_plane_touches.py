@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text
@@ -27,7 +27,7 @@ planes: [{{id: floor}}, {{id: wall}}, {{id: slope}}]
 def cellctl(tmp_path, monkeypatch):
     (tmp_path / "robot.yaml").write_text(ELBOW_ROBOT)
     monkeypatch.chdir(tmp_path)
-    return lambda *words: ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return lambda *words: exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 def touch(rng, surface, normals):

@@ -11,7 +11,7 @@ from math import dist
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from sims.cell import read_cell
 from sims.conditions import Conditions
@@ -48,7 +48,7 @@ def write(path, found):
 
 
 def cellctl(*words):
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import Split
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text, drawn, joints_and_places
 
@@ -25,7 +25,7 @@ def fitted(tmp_path, monkeypatch):
     def fit(columns, *options):
         (tmp_path / "data.csv").write_text(csv_text(columns))
         words = ["fit", "robot.yaml", "data.csv", "--model", "geometry", "--json", "r.json", *options]
-        code = ends.exit_code_of(lambda: app(words, standalone_mode=False))
+        code = exit_codes.exit_code_of(lambda: app(words, standalone_mode=False))
         result = tmp_path / "r.json"
         return code, json.loads(result.read_text()) if result.exists() else None
 

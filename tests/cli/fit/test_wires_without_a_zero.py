@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 from tests.helpers.arms import ELBOW_ROBOT, ElbowArm, csv_text, drawn
@@ -27,7 +27,7 @@ def fitted(tmp_path, monkeypatch):
     def fit(text, *options):
         (tmp_path / "data.csv").write_text(text)
         words = ["fit", "robot.yaml", "data.csv", "--json", "r.json", "--out", "m.json", *options]
-        code = ends.exit_code_of(lambda: app(words, standalone_mode=False))
+        code = exit_codes.exit_code_of(lambda: app(words, standalone_mode=False))
         return code, json.loads((tmp_path / "r.json").read_text()) if code < 2 else {}
 
     return fit

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from tests.helpers.runs import CELL, ROOT, SELFCAL, cell_with
 
@@ -12,7 +12,7 @@ ROBOT = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"
 
 
 def cellctl(*words: object) -> int:
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 @pytest.mark.parametrize("verb", ["check", "run"])

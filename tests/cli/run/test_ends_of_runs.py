@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from cellctl.cli import ends
-from cellctl.cli.ends import Exit
+from cellctl.cli import exit_codes
+from cellctl.cli.exit_codes import Exit
 from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.cli.verbs import app
 from cellctl.devices import DeviceLost, DeviceUncertain, DeviceUnreachable
@@ -131,10 +131,10 @@ def test_nothing_was_moved_is_reported_where_something_could_have_been(
     moves: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def call() -> None:
-        with ends.adding(ends.NOTHING_MOVED) if moves else nullcontext():
+        with exit_codes.adding(exit_codes.NOTHING_MOVED) if moves else nullcontext():
             raise DeviceUnreachable("simulator", "was not ready within 60 s")
 
-    assert ends.exit_code_of(call) == 3
+    assert exit_codes.exit_code_of(call) == 3
     assert ("nothing was moved" in capsys.readouterr().err) == moves
 
 
@@ -142,7 +142,7 @@ def test_of_many_errors_the_first_are_shown_and_the_others_counted(capsys: pytes
     def call() -> None:
         raise InputError(Problem("data.csv", line, 0, "is no number") for line in range(1, 101))
 
-    assert ends.exit_code_of(call) == 2
+    assert exit_codes.exit_code_of(call) == 2
     said = capsys.readouterr().err.splitlines()
     assert said[0] == "cellctl: 100 errors"
     assert said[-2:] == ["data.csv:20: is no number", "… and 80 more"]
@@ -235,5 +235,5 @@ def of_the_same_files(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def cellctl_says(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    assert ends.exit_code_of(partial(app, arguments, standalone_mode=False)) == 0
+    assert exit_codes.exit_code_of(partial(app, arguments, standalone_mode=False)) == 0
     return capsys.readouterr().out

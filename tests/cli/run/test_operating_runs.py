@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cellctl.cli.ends import Exit, exit_code_of
+from cellctl.cli.exit_codes import Exit, exit_code_of
 from cellctl.cli.verbs import app
 from cellctl.journal import OperatorAction
 from tests.helpers.engine import PATIENCE_S, Running

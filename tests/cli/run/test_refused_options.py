@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from tests.helpers.runs import SELFCAL
 
 
 def cellctl(*words: object) -> int:
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,9 @@ for name in ("fcntl", "termios", "pty", "tty", "resource", "pwd", "grp"):
 for name in ("O_DIRECTORY", "getsid", "getpgrp", "tcgetpgrp"):
     delattr(os, name)
 del signal.SIGHUP
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
-sys.exit(ends.exit_code_of(lambda: app(sys.argv[1:], standalone_mode=False)))
+sys.exit(exit_codes.exit_code_of(lambda: app(sys.argv[1:], standalone_mode=False)))
 """
 
 DATA = """name,A1,A2,A3,A4,A5,A6,X,Y,Z

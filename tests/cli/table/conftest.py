@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.devices import ControllerTable, DeviceRefused, Identity, TableInfo, TableState
 from cellctl.operations import table as table_module
@@ -53,7 +53,7 @@ class Controller:
 
 def run(*words):
     """The exit code of a command line."""
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.cli import ends
+from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import TableFile
 from cellctl.operations import cell_devices
@@ -20,7 +20,7 @@ from tests.helpers.runs import CELL, PATIENCE_S
 
 
 def run(*words):
-    return ends.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+    return exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
 
 
 @dataclass
