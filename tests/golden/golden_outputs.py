@@ -6,16 +6,17 @@ so. Texts for people are not part of it; figures, verdicts, exit codes and the r
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import json
-import os
 import sqlite3
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from cellctl.cli.exit_codes import exit_code_of
+from cellctl.cli.verbs import app
 from cellctl.operations.replay._run import close
 
 HERE = Path(__file__).parent
@@ -56,12 +57,9 @@ REFUSALS: dict[str, tuple[str, ...]] = {
 
 
 def cellctl(folder: Path, *words: str) -> int:
-    """Run the command line in `folder`; its exit code."""
-    command = [sys.executable, "-m", "cellctl", *words]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, check=False, timeout=800
-    ).returncode
+    """Run the command line in `folder`, in this process; its exit code."""
+    with contextlib.chdir(folder):
+        return exit_code_of(lambda: app([*words], standalone_mode=False))
 
 
 def fit_output(folder: Path, name: str) -> dict[str, Any]:
