@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import binomtest, pearsonr
 
 from cellctl.analysis import ErrorSet, UnsuitableRows, mantel, similarity
+from cellctl.formats.similarity_report import RobotErrors, result_sentences, similarity_report
 
 RNG = np.random.default_rng(3)
 READINGS = RNG.uniform(-40.0, 40.0, (50, 6))
@@ -110,3 +111,15 @@ def test_places_that_are_all_the_same_have_no_correlation():
 def test_rows_that_allow_no_analysis_are_refused_with_the_reason(readings, errors, words):
     with pytest.raises(UnsuitableRows, match=words):
         ErrorSet.of(readings, np.resize(PLACES, (len(readings), 3)), errors)
+
+
+@pytest.mark.parametrize("named", [False, True], ids=["alike within 4 degrees", "a slope over the whole range"])
+def test_a_semivariogram_that_never_reaches_its_sill_is_named(named):
+    rng = np.random.default_rng(4)
+    readings = rng.uniform(-40.0, 40.0, (200, 2)) * [1.0, 0.0]
+    steps = rng.normal(size=30)[np.floor(readings[:, 0] / 4.0).astype(int)]
+    field = np.outer(readings[:, 0] / 20.0 if named else steps, [1.0, 0.0, 0.0])
+    errors = ErrorSet.of(readings, np.zeros((200, 3)), field + rng.normal(0.0, 1e-3, (200, 3)))
+    report = similarity_report(RobotErrors(errors, 200, 200, (), 0, ()), similarity(errors, 99), 0)
+    words = " ".join(result_sentences(report))
+    assert ("still rise at the greatest distance" in words and "x (range " in words and "x over A1" in words) is named

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.steps.sphere.reference_touches import jump
+from procedures.steps.sphere.reference_touches import jump, remark
 from procedures.steps.sphere.rows import ReferenceRow
 from tests.helpers.steps import reference
 
@@ -48,3 +48,9 @@ def test_a_jump_names_tip_and_robot_which_way_it_went_and_a_cure(shift: float, w
     assert words in fault.what
     assert "0.600 mm" in fault.what
     assert "mastering" in fault.cure
+
+
+def test_a_return_more_than_three_sigma_from_the_one_before_is_remarked_upon() -> None:
+    assert remark([visit(0.0), visit(2.9 * SIGMA)]) is None
+    assert "3.5 σ from the visit before" in (remark([visit(0.0), visit(-3.5 * SIGMA)]) or "")
+    assert remark([visit(3.5 * SIGMA), visit(3.6 * SIGMA)]) is None, "only the change since the last visit counts"

@@ -15,7 +15,7 @@ from procedures.steps.judged import Judged
 from procedures.steps.sphere._identification import identify_touches
 from procedures.steps.sphere.planning import assumption, check_plan, planned_touches
 from procedures.steps.sphere.plans import Joints, TouchPlan
-from procedures.steps.sphere.reference_touches import jump, reference_row
+from procedures.steps.sphere.reference_touches import jump, reference_row, remark
 from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
 
 TOUCHES_PER_SPHERE = 6
@@ -136,15 +136,16 @@ def _row(context: StepContext, planned: TouchPlan, found: FoundContact) -> Touch
     )
     if planned.repeats is None:
         return row
-
     return reference_row(context, row, planned.repeats)
 
 
 def _look_for_jump(context: StepContext, row: ReferenceRow) -> None:
-
     context.say(f"reference touch: {row.shift_mm:+.3f} mm (1 σ {row.sigma_mm:.3f}) since the first visit")
-    if fault := jump(context.recorded(ReferenceRow)):
+    visits = context.recorded(ReferenceRow)
+    if fault := jump(visits):
         raise fault
+    if words := remark(visits):
+        context.say(words)
 
 
 class IdentifyInputs(StepInputs):
