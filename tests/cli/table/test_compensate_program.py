@@ -254,20 +254,6 @@ def test_spline_motions_with_their_settings_are_compensated_and_divided(compensa
     assert len(inserted) == figures["paths"][0]["inserted"]
 
 
-def test_a_path_with_another_orientation_control_is_not_judged(compensated):
-    seam = usual_seam()
-    seam.dat.append("DECL LDAT LCPDAT2={VEL 2.0,ORI_TYP #CONSTANT,CIRC_TYP #BASE}")
-    at = seam.src.index("LDAT_ACT=LCPDAT1")
-    seam.src[at] = "LDAT_ACT=LCPDAT2"
-    figures = compensated(seam)
-    assert figures["compensated"] == 5
-    assert [path["reason"] for path in figures["paths"]] == [
-        "computed for orientation #VAR, #BASE only; here #CONSTANT, #BASE",
-        "",
-        "",
-    ]
-
-
 def test_points_of_a_fixed_tool_and_circles_that_are_none_stay(compensated):
     seam = usual_seam()
     seam.point("P6", position(readings_at((0, 50, 0))))
@@ -290,15 +276,6 @@ def test_inline_forms_with_collision_detection_are_judged_and_calls_of_others_ar
     figures = compensated(seam)
     assert figures["compensated"] == 5
     assert [path["reason"] for path in figures["paths"]] == ["", "", "its start is not certain"]
-
-
-def test_a_path_after_a_branch_is_not_judged(compensated):
-    seam = usual_seam()
-    at = seam.src.index(next(line for line in seam.src if line.startswith(";FOLD CIRC")))
-    seam.src[at:at] = ["IF $IN[1] THEN", "WAIT SEC 1", "ENDIF"]
-    figures = compensated(seam)
-    assert [path["reason"] for path in figures["paths"]] == ["", "its start is not certain", ""]
-    assert figures["compensated"] == 5
 
 
 # what stays

@@ -55,17 +55,6 @@ def test_a_table_is_the_same_as_itself(cellctl, table, difference, capsys):
     assert "are the same: 8 rows" in capsys.readouterr().out
 
 
-def test_a_changed_row_is_found_at_another_place_by_its_target(table, other, difference):
-    rows = TableFile.load(table).rows
-    other(rows=[*rows[4:], turned(rows[0]), *rows[1:4]])
-    found = difference(table, "other.json")
-    [row] = found["changed"]
-    assert (row["row_a"], row["row_b"], row["joint"], row["nominal_deg"]) == (1, 5, 2, 0.0)
-    assert row["change_deg"] == pytest.approx(CHANGE_DEG)
-    assert row["tcp_mm"] is None
-    assert (found["matched"], found["only_a"], found["only_b"]) == (8, [], [])
-
-
 def test_the_change_of_the_tcp_is_that_of_the_nominal_robot_with_the_tables_tool(table, other, difference):
     rows = TableFile.load(table).rows
     changed = other(rows=[turned(rows[0]), *rows[1:]])
@@ -93,49 +82,6 @@ def test_rows_of_one_table_alone_are_listed(table, other, difference, capsys):
     found = difference(table, "other.json")
     assert (found["matched"], found["only_a"], found["only_b"]) == (5, [1, 2, 8], [6])
     assert "only in other.json: row 6" in capsys.readouterr().out
-
-
-def test_of_rows_with_one_target_each_is_compared_with_the_one_of_its_own_posture(table, other, difference):
-    rows = TableFile.load(table).rows
-    second = rows[0].model_copy(update={name: [v + 30.0 for v in getattr(rows[0], name)] for name in JOINTS})
-    both = other(rows=[rows[0], second])
-    both.save(table)
-    other(rows=[second, turned(rows[0])])
-    found = difference(table, "other.json")
-    assert [(row["row_a"], row["row_b"]) for row in found["changed"]] == [(1, 2)]
-    assert (found["matched"], found["only_a"], found["only_b"]) == (2, [], [])
-
-
-JOINTS = ("nominal", "compensated")
-
-
-def test_another_model_tool_and_controller_are_named(table, other, difference):
-    file = TableFile.load(table)
-    other(
-        source=file.source.model_copy(update={"model_sha256": "1" * 64}),
-        tool=file.tool.model_copy(update={"mass": 9.0}),
-        robot=file.robot.model_copy(update={"serial": "SIM-1"}),
-    )
-    found = difference(table, "other.json")
-    assert set(found["facts"]) == {"serial", "tool", "model_sha256"}
-    assert found["facts"]["serial"] == {"a": "SIM-4711", "b": "SIM-1"}
-    assert found["changed"] == []
-
-
-def test_tables_that_differ_in_predicted_errors_alone_are_not_the_same(table, other, difference):
-    rows = TableFile.load(table).rows
-    other(rows=[rows[0].model_copy(update={"sigma_mm": 9.0}), *rows[1:]])
-    assert set(difference(table, "other.json")["facts"]) == {"id"}
-
-
-def test_tables_of_robots_with_other_numbers_of_joints_share_no_row(table, other, difference):
-    file = TableFile.load(table)
-    region = file.joint_region.model_copy(update={"min": [-100.0] * 7, "max": [100.0] * 7})
-    rows = [row.model_copy(update={name: [*getattr(row, name), 0.0] for name in JOINTS}) for row in file.rows[:2]]
-    other(rows=rows, joint_region=region)
-    found = difference(table, "other.json")
-    assert found["facts"]["joints"] == {"a": 6, "b": 7}
-    assert (found["matched"], len(found["only_a"]), found["only_b"]) == (0, 8, [1, 2])
 
 
 def test_another_robots_file_is_refused(cellctl, table, capsys):
