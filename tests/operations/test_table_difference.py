@@ -61,9 +61,7 @@ def test_a_table_is_the_same_as_itself_in_another_order() -> None:
     assert (found.matched, found.changed, found.only_a, found.only_b) == (3, [], [], [])
     assert (found.max_change_deg, found.max_tcp_mm) == (0.0, None)
     assert set(found.facts) == {"id"}, "nothing but the id, which depends on the order"
-    same = table_difference(table(row(0)), table(row(0)), None)
-    assert same.same
-    assert same.facts == {}
+    assert table_difference(table(row(0)), table(row(0)), None).same
 
 
 def test_a_changed_row_has_its_places_its_joint_and_the_distance_of_the_tcps() -> None:
@@ -71,13 +69,10 @@ def test_a_changed_row_has_its_places_its_joint_and_the_distance_of_the_tcps() -
     found = table_difference(table(row(0), first), table(second, row(0)), ROBOT)
     [change] = found.changed
     far = float(np.linalg.norm(tcp(second.compensated, TOOL) - tcp(first.compensated, TOOL)))
-    assert 0.5 < far < 1.5
     assert change.tcp_mm == pytest.approx(far, abs=1e-9)
     assert (change.row_a, change.row_b, change.joint, change.nominal_deg) == (2, 1, 2, 0.0)
     assert change.change_deg == pytest.approx(0.05, abs=1e-12)
     assert (found.max_change_deg, found.max_tcp_mm) == (change.change_deg, change.tcp_mm)
-    without = table_difference(table(row(0), first), table(second, row(0)), None)
-    assert [each.tcp_mm for each in without.changed] == [None]
 
 
 def test_the_tcp_of_each_table_is_that_of_its_own_tool() -> None:
@@ -89,16 +84,12 @@ def test_the_tcp_of_each_table_is_that_of_its_own_tool() -> None:
     assert found.facts["tool"][1]["xyz"] == list(longer)
 
 
-def test_rows_with_another_target_and_other_joints_are_of_one_table_alone() -> None:
+def test_rows_with_another_target_are_of_one_table_alone_and_with_another_posture_alone_changed() -> None:
     moved = row(2, target=[902.001, 10.0, 300.0, 0.0, 90.0, 0.0], nominal=[-45.001, -55.0, -90.0])
     found = table_difference(table(row(0), row(1), row(2)), table(moved, row(1)), None)
     assert (found.matched, found.only_a, found.only_b, found.changed) == (1, [1, 3], [1], [])
     assert not found.same
-
-
-def test_another_posture_of_the_same_target_is_a_change_of_the_nominal_joints() -> None:
-    other = row(0, nominal=[0.0, -40.0, -59.0])
-    found = table_difference(table(row(0)), table(other), None)
+    found = table_difference(table(row(0)), table(row(0, nominal=[0.0, -40.0, -59.0])), None)
     assert [(each.nominal_deg, each.change_deg) for each in found.changed] == [(1.0, 0.0)]
 
 
@@ -121,18 +112,12 @@ def test_rows_on_a_controller_are_found_by_their_nominal_joints() -> None:
 def test_what_the_files_state_otherwise_is_named_with_both_values() -> None:
     source = TableSource(run="r", model_sha256="2" * 64, method="newton-raphson")
     found = table_difference(table(row(0)), table(row(0), source=source, simulated=True), None)
-    assert found.facts == {
-        "simulated": (False, True),
-        "run": (None, "r"),
-        "model_sha256": ("1" * 64, "2" * 64),
-        "method": ("pseudo-target", "newton-raphson"),
-    }
+    method = ("pseudo-target", "newton-raphson")
+    assert set(found.facts) == {"simulated", "run", "model_sha256", "method"}
+    assert (found.facts["method"], found.facts["simulated"]) == (method, (False, True))
     assert found.to_json()["facts"]["run"] == {"a": None, "b": "r"}
-
-
-def test_tables_that_differ_in_predicted_errors_alone_are_not_the_same() -> None:
-    found = table_difference(table(row(0)), table(row(0, sigma_mm=9.0)), None)
-    assert (set(found.facts), found.changed) == ({"id"}, [])
+    errors = table_difference(table(row(0)), table(row(0, sigma_mm=9.0)), None)
+    assert (set(errors.facts), errors.changed) == ({"id"}, []), "predicted errors alone are a difference too"
 
 
 def test_tables_of_robots_with_other_numbers_of_joints_share_no_row() -> None:
@@ -149,6 +134,6 @@ def test_a_robot_file_of_another_robot_is_refused_for_each_table() -> None:
         table_difference(wrong, wrong, ROBOT)
     assert [problem.file for problem in caught.value.problems] == ["two.json"] * 2
     assert "is for a 'a UR10', the robot file is of a 'elbow arm'" in caught.value.problems[0].what
-    four = [row(0, nominal=[0.0] * 4, compensated=[0.0] * 4)]
+    four = on_controller(row(0, nominal=[0.0] * 4, compensated=[0.0] * 4))
     with pytest.raises(InputError, match="has 4 joints, the robot file has 3"):
-        table_difference(on_controller(*four), on_controller(*four), ROBOT)
+        table_difference(four, four, ROBOT)
