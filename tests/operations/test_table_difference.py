@@ -90,7 +90,7 @@ def test_rows_with_another_target_are_of_one_table_alone_and_with_another_postur
     assert (found.matched, found.only_a, found.only_b, found.changed) == (1, [1, 3], [1], [])
     assert not found.same
     found = table_difference(table(row(0)), table(row(0, nominal=[0.0, -40.0, -59.0])), None)
-    assert [(each.nominal_deg, each.change_deg) for each in found.changed] == [(1.0, 0.0)]
+    assert [(each.nominal_deg, each.change_deg, each.tcp_mm) for each in found.changed] == [(1.0, 0.0, None)]
 
 
 def test_of_rows_with_one_target_each_is_compared_with_the_one_of_its_own_posture() -> None:
