@@ -249,13 +249,11 @@ class RobotFile(BaseModel):
 
 
 def _link(row: LinkRow) -> Link:
-
     beta = None if row.beta is None else math.radians(row.beta)
     return Link(math.radians(row.theta), row.d, row.a, math.radians(row.alpha), beta)
 
 
 def _pose(frame: Frame | Tool) -> Floats:
-
     return pose_from_xyz_abc(frame.xyz, frame.abc)
 
 

@@ -16,17 +16,14 @@ from cellctl.installed import shipped_file
 
 
 def _procedure(given: Path) -> Path:
-
     return shipped_file("procedure", given)
 
 
 def _cell(given: Path | None) -> Path | None:
-
     return shipped_file("cell", given) if given else None
 
 
 def _robot(given: Path | None) -> Path | None:
-
     return shipped_file("robot", given) if given else None
 
 

@@ -143,7 +143,6 @@ def compensate(
 
 
 def _refuse_for_program(passes: int | None, serial: str | None) -> None:
-
     given = [name for name, value in (("--passes", passes), ("--serial", serial)) if value is not None]
     if given:
         raise InputError(Problem(name, 0, 0, "is not for programs", "leave it out") for name in given)
@@ -154,7 +153,6 @@ def _is_csv(out: Path | None) -> bool:
 
 
 def _refuse(method: str, passes: int | None, out: Path | None, json_: str | None) -> None:
-
     problems = []
     if method not in (*_METHODS, _ALL):
         cure = f"one of: {', '.join(_METHODS)}, {_ALL}"

@@ -96,7 +96,6 @@ def acknowledge(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: ar
 
 
 def _act(name: ActionName, run: Path | None, runs: Path, json_: str | None) -> None:
-
     folder = _chosen(run, runs)
     refuse_outputs({"--json": json_}, [*folder.glob("*")])
     done = asyncio.run(act(folder, name, Operator.here("cli")))
@@ -126,12 +125,10 @@ def _chosen(run: Path | None, runs: Path) -> Path:
 
 
 def _refuse_run(place: Path, what: str, cure: str) -> NoReturn:
-
     raise InputError(Problem(str(place), 0, 0, what, cure))
 
 
 def _lines(found: Status) -> list[str]:
-
     share = f" ({100 * found.done // found.total} %)" if found.total else ""
     lines = [f"{found.run}: {found.state}" + (f", process {found.process}" if found.process else "")]
     lines += [f"  held by    {found.held_by}"] if found.held_by else []

@@ -115,7 +115,6 @@ class Asked:
             raise InputError(self.problems)
 
     def _sight(self, robot: RobotFile) -> Sight | None:
-
         station = self._numbers("station", self.station or "", 3)
         reflector = self._numbers("reflector", self.reflector, 3) if self.reflector else robot.tool.xyz
         facing = self._numbers("facing", self.facing, 3) if self.facing else [0.0, 0.0, 1.0]
@@ -250,7 +249,6 @@ def _targets(robot: Path, asked: Asked, seed: int) -> TargetSet:
 
 
 def _figures(targets: TargetSet) -> dict[str, Any]:
-
     axes = [f"A{number}" for number in range(1, targets.readings.shape[1] + 1)]
     fit = targets.readings[~targets.held_out]
     return {

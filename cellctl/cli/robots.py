@@ -44,7 +44,6 @@ def robots(
 
 
 def _shown(found: LibraryRobot) -> Iterator[str]:
-
     yield f"{found.name}: {found.robot.name}"
     yield from (f"  {key:13} {cell}" for key, cell in list(zip(COLUMNS, found.cells, strict=True))[2:5] if cell)
     source = found.source.model_dump(exclude_none=True)

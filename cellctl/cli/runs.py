@@ -88,7 +88,6 @@ def show(
 
 
 def _compare(a: Path, b: Path, json_: str | None) -> None:
-
     found = compare_runs(a, b)
     write_json(found.to_json(), json_)
     if json_ != "-":
@@ -255,14 +254,12 @@ def _refuse_folder(out: Path | None, run: Path) -> None:
 
 
 def _write(found: Replay, out: Path) -> None:
-
     out.mkdir(parents=True, exist_ok=True)
     for name, content in found.contents.items():
         write_atomically(out / name, content)
 
 
 def _replay_lines(found: Replay) -> list[str]:
-
     lines = [f"{found.run}: {len(found.steps)} computing steps, computed again from the journal"]
     lines += [f"  changed since the run: {text}" for text in found.changed]
     width = max((len(name) for name in (*(a.name for a in found.artefacts), *(s.step for s in found.steps))), default=0)
@@ -277,7 +274,6 @@ def _replay_lines(found: Replay) -> list[str]:
 
 
 def _artefact_lines(each: ArtefactReplay, width: int) -> list[str]:
-
     if each.agreement is Agreement.WITHIN_TOLERANCE:
         return [f"{each.name:{width}}  equal within the tolerance"]
     if not each.replayed_equal:
@@ -294,7 +290,6 @@ def _artefact_lines(each: ArtefactReplay, width: int) -> list[str]:
 
 
 def _step_lines(each: StepReplay, width: int) -> list[str]:
-
     rows = f" and {each.rows} row{'s' * (each.rows > 1)}" if each.rows else ""
     attempt = f", attempt {each.attempt}" if each.attempt > 1 else ""
     if each.agreement is not Agreement.DIFFERENT:

@@ -194,6 +194,5 @@ def _warn_without_memory(place: TableCell) -> None:
 
 
 def _one_of(table: Path | None, cell: Path | None) -> None:
-
     if (table is None) == (cell is None):
         raise InputError(Problem("cellctl table show", 0, 0, "shows one thing", "a table file, or --cell CELL"))

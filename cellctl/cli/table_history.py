@@ -145,7 +145,6 @@ def _show(history: TableHistory, entries: list[Entry]) -> None:
 
 
 def _cells(entry: Entry) -> list[str]:
-
     begin, facts = entry.begin, entry.begin.facts
     by = f"run {begin.run}, {begin.who}" if begin.run else begin.who
     made = f"{facts.method}, run {facts.run or '–'}, model {facts.model_sha256[:12]}" if facts else "–"
@@ -191,13 +190,11 @@ def diff(
 
 
 def _refuse_active(a: Path, b: Path, cell: Path | None) -> None:
-
     if cell is None and _ACTIVE in (str(a), str(b)):
         raise InputError(Problem(_ACTIVE, 0, 0, "is the table in force on a controller", "give --cell CELL"))
 
 
 def _compared_table(name: Path, place: TableCell | None, runs: Path) -> ComparedTable:
-
     if place and str(name) == _ACTIVE:
         return _active(place, runs)
     return ComparedTable.of_file(str(name), table_named(name, runs))

@@ -307,7 +307,6 @@ class Model:
         return self._export("fanuc", path)
 
     def _export(self, form: Form, path: str | Path | None, **options: Any) -> str | bytes:
-
         return export(self.file, str(self.path or "model"), form, path, ExportOptions(**options))
 
     def page(self, path: str | Path | None = None) -> str:

@@ -243,7 +243,6 @@ def compensated(asked: AskedTargets) -> Compensation:
 
 
 def _refuse_method(method: str, passes: int | None, *, other_predictor: bool) -> None:
-
     if method not in METHODS:
         what = f"'{method}' is not known"
         raise refused("--method", what, f"one of: {', '.join(METHODS)}; compare_methods() for all of them")
@@ -255,7 +254,6 @@ def _refuse_method(method: str, passes: int | None, *, other_predictor: bool) ->
 
 
 def _at_model_angles(errors: ErrorMap | Callable[[Floats], Floats], model: ModelFile) -> PredictedErrors:
-
     if not callable(errors):
         return MappedErrors(errors)
     joints = model.robot.joint_map()

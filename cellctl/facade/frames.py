@@ -71,7 +71,6 @@ def refused(name: str, what: str, cure: str) -> InputError:
 
 
 def _refuse_infinite(rows: Floats, name: str, columns: list[str]) -> None:
-
     found = np.argwhere(~np.isfinite(rows)).tolist()
     if found:
         cure = "a number in degrees; leave out rows that were not measured"
@@ -148,7 +147,6 @@ def _of_frame(frame: Any, name: str) -> dict[str, list[Any]]:
 
 
 def _of_mapping(columns: Mapping[str, Any], name: str) -> dict[str, list[Any]]:
-
     found = {}
     for key, values in columns.items():
         array = np.asarray(values)

@@ -160,12 +160,10 @@ def _printable(name: str) -> str:
 
 
 def _in(chain: SerialChain, convention: Convention) -> SerialChain:
-
     return {"poe": to_poe, "mdh-hayati": to_mdh, "dh-craig": to_craig}[convention](chain)
 
 
 def _geometry_lines(table: LinkTable | AxisTable) -> list[str]:
-
     if isinstance(table, LinkTable):
         return ["links:", *(f"  - {{{_link_words(row)}}}" for row in table.links)]
     screws = [

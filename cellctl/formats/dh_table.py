@@ -97,7 +97,6 @@ def _joint_cells(joint: JointSaid) -> dict[str, float | int | None]:
 
 
 def _frame_cells(frame: Floats) -> dict[str, float]:
-
     values = [*frame[:3, 3].tolist(), *abc_from_rotation(frame[:3, :3]).tolist()]
     return {
         name: round(value, DECIMALS_MM if name in "XYZ" else DECIMALS_DEG) + 0.0

@@ -109,7 +109,6 @@ def two_centres(at: Postures) -> tuple[int, int] | None:
 
 
 def _same(one: Triple | Floats | None, other: Triple | Floats | None) -> bool:
-
     if one is None or other is None:
         return one is None and other is None
     return bool(np.linalg.norm(np.subtract(one, other)) <= SAME_PLACE_MM)

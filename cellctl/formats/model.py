@@ -160,7 +160,6 @@ class JointRegion(BaseModel):
         return np.asarray((self._beyond(readings) <= REGION_MARGIN_DEG).all(axis=1))
 
     def _beyond(self, readings: Floats) -> Floats:
-
         return np.asarray(np.maximum(np.maximum(np.array(self.min) - readings, readings - np.array(self.max)), 0.0))
 
 
@@ -368,7 +367,6 @@ def _loads(measured: Measurements, result: FitResult, prior: LoadRegion | None) 
 
 
 def _parameters(found: Identification) -> list[Parameter]:
-
     unknowns, model = found.identified.unknowns, found.identified.state.model
     sigma = np.sqrt(np.diag(found.identified.covariance))
     before = np.where(unknowns.free, unknowns.sigma, 0.0)
@@ -407,7 +405,6 @@ def _centres(task: Task, centres: Floats, sigma: Floats) -> list[Centre]:
 
 
 def _planes(task: Task, found: Estimate) -> list[TouchedPlane]:
-
     return [
         TouchedPlane(
             id=task.points[plane.point],

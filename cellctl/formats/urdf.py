@@ -281,7 +281,6 @@ def _check_kinds(file: _File, root: Element, path: list[_Joint]) -> None:
 
 
 def _placed(file: _File, joint: _Joint) -> UrdfJoint:
-
     turns = joint.kind in _TURNING
     along = np.array(_axis(file, joint))
     axis = along / np.linalg.norm(along) if turns else None
@@ -290,7 +289,6 @@ def _placed(file: _File, joint: _Joint) -> UrdfJoint:
 
 
 def _described(chain: UrdfChain) -> RobotDescription:
-
     here, axes, joints = np.eye(4), [], []
     base, flange = here, None
     for joint in chain.joints:

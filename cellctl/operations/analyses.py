@@ -318,7 +318,6 @@ def _kept_on_error() -> Iterator[None]:
 
 
 def _fitted(progress: Progress) -> Outcome:
-
     record = Analysis.load(Path())
     asked, judging = record.asked(), record.settings.judging()
     asked.refuse(judging)
@@ -390,7 +389,6 @@ def _repeatability(record: Analysis) -> float | None:
 
 
 def _choices(record: Analysis) -> Any:
-
     answers = dict(record.answers)
     columns = answers.pop("columns", "")
     return choices(

@@ -82,7 +82,6 @@ def _parts(request: ProgramRequest) -> tuple[Path | None, Path]:
 
 
 def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest, out: Path) -> dict[str, Any]:
-
     files = ProgramFiles.of(src, config)
     options = ProgramOptions(config, request.tool or None, request.base or None, None, request.insert, request.arm_only)
     made = compensate_files(model, MODEL, files, "pseudo-target", options, None)
@@ -96,7 +95,6 @@ def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest
 
 
 def _targets(model: Any, file: Path, request: ProgramRequest, out: Path) -> dict[str, Any]:
-
     data, decided = _target_set(file, request)
     made = compensate_targets(model, read_targets(data, model.robot), data.file)
     name = f"{file.stem}-compensated.csv"

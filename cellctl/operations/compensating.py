@@ -306,7 +306,6 @@ def compare_methods(model: ModelFile, wanted: Targets, file: str, correction_deg
 
 
 def _figures(model: ModelFile, wanted: Targets, method: str, correction_deg: float) -> MethodFigures:
-
     once = try_targets(model, wanted, method=method, passes=1, correction_deg=correction_deg)
     tried = try_targets(model, wanted, method=method, correction_deg=correction_deg)
     good = np.array([not reasons for reasons in tried.reasons])

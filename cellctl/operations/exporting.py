@@ -157,14 +157,12 @@ def _geometry(source: Source, form: str, options: ExportOptions) -> tuple[str | 
 
 
 def _urdf_into(source: Source, into: Path, tip: str | None) -> tuple[bytes, list[str], dict[str, Any]]:
-
     content, lacking = urdf_into(into, source.nominal, source.robot, tip)
     notes = ["base and tool of the fit are not in the URDF: its own stay"]
     return content, [*notes, *([f"the URDF lacks {lacking}"] if lacking else [])], {}
 
 
 def _ur_calibration(source: Source, options: ExportOptions) -> tuple[str, list[str], dict[str, Any]]:
-
     found = ur_calibration(source.nominal, source.robot, source.file, hash_of(options.into) if options.into else None)
     notes = [f"not in this form: the TCP in tool0 is {_words(found.tcp)}; the base is {_words(found.base)}"]
     if options.into is None:
@@ -173,7 +171,6 @@ def _ur_calibration(source: Source, options: ExportOptions) -> tuple[str, list[s
 
 
 def _of_joint_zeros(source: Source, form: str, options: ExportOptions) -> Exported:
-
     if source.model is None:
         what = f"is no model: it has no identified joint zeros for --to {form}"
         raise InputError(Problem(source.file, 0, 0, what, "give a model file (.json) of `cellctl fit`"))
@@ -199,7 +196,6 @@ def _figures(zeros: JointZeros) -> dict[str, Any]:
 
 
 def _words(frame: Floats) -> str:
-
     xyz = ", ".join(f"{value:.4f}" for value in frame[:3, 3].tolist())
     abc = ", ".join(f"{value:.5f}" for value in abc_from_rotation(frame[:3, :3]).tolist())
     return f"X, Y, Z = {xyz} mm and A, B, C = {abc}°"

@@ -92,13 +92,11 @@ class Asked:
         ModelTerms.parse(self.model)
 
     def _measure(self) -> list[Problem]:
-
         if self.measure is None or self.measure in KINDS:
             return []
         return [option("measure", f"'{self.measure}' is not known", ", ".join(KINDS))]
 
     def _own(self) -> list[Problem]:
-
         if self.own == "none" or set(self.own.split(",")) <= set(OWN):
             return []
         return [option("own", f"'{self.own}' is not known", "base, tool, base,tool or none")]

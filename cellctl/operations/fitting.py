@@ -50,7 +50,6 @@ def split_of(measured: Measurements, judging: Judging) -> tuple[Split, list[str]
 
 
 def _split(measured: Measurements, judging: Judging) -> Split:
-
     rows, postures = len(measured.lines), measured.postures()
     if judging.by is not None:
         return Split.leaving_out(_labels(measured, judging.by))
@@ -204,7 +203,6 @@ def robot_of(path: Path) -> tuple[Document, RobotFile]:
 
 
 def _silently(_: str) -> AbstractContextManager[Progress]:
-
     return nullcontext(silent)
 
 

@@ -147,7 +147,6 @@ def refuse_method(method: str) -> None:
 def _compensated(
     identified: ModelFile, name: str, files: ProgramFiles, method: str, options: ProgramOptions, place: CellRobot | None
 ) -> CompensatedProgram:
-
     tool, base = (_frame(name, getattr(options, name)) for name in ("tool", "base"))
     refuse_model(identified, str(files.src))
     if place:
@@ -183,7 +182,6 @@ def _frame(name: str, text: str | None) -> tuple[float, ...] | None:
 
 
 def _paths(found: CompensatedProgram, insert: bool, tolerance: float, method: str) -> list[ProgramPath]:
-
     paths = program_paths(found)
     return [with_points_between(found, path, tolerance, method) for path in paths] if insert else paths
 

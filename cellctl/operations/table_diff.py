@@ -216,7 +216,6 @@ def _tcp_distances(a: ComparedTable, b: ComparedTable, rows_a: Any, rows_b: Any,
 
 
 def _tcps(table: ComparedTable, readings: Floats, robot: RobotFile) -> Floats:
-
     tool = table.file.tool if table.file else robot.tool
     chain = robot.chain().with_tool(pose_from_xyz_abc(tool.xyz, tool.abc))
     places: Floats = chain.forward(robot.joint_map().model(readings))[:, :3, 3]

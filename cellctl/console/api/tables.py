@@ -78,5 +78,4 @@ async def act(operator: Commander, asked: TableConfirmed) -> JobOut:
 
 
 def _request(asked: TableAsked, **more: str) -> TableRequest:
-
     return request_for(asked.action, asked.cell, asked.table, asked.state, **more)

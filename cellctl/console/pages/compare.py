@@ -61,7 +61,6 @@ def _choice(names: list[str], a: str, b: str) -> None:
 
 
 async def _comparison(a: str, b: str) -> None:
-
     try:
         first, second = (run_named(console().runs, name) for name in (a, b))
         found = await asyncio.to_thread(compare_runs, first, second)

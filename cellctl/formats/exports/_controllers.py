@@ -123,6 +123,5 @@ def _rounded(zeros: JointZeros) -> list[float]:
 
 
 def _krl_frame(matrix: Floats) -> str:
-
     values = [*matrix[:3, 3].tolist(), *abc_from_rotation(matrix[:3, :3]).tolist()]
     return aggregate_text(dict(zip("XYZABC", values, strict=True)))

@@ -115,7 +115,6 @@ def fitted_zeros(model: ModelFile) -> FittedForm:
 
 
 def _fitted(model: ModelFile, nearest: Nearest) -> FittedForm:
-
     controller, identified, at = nominal_chain(model), model.robot_model(), measured_postures(model)
     goal = identified.pose(at)
     chain, nominal = (fit(controller, identified, at) for fit in (nearest, with_frames))

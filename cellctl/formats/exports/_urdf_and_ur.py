@@ -163,7 +163,6 @@ def _moved(axes: ReadingAxes, root: Floats) -> ReadingAxes:
 
 
 def _lacking(link: str, rest: Floats) -> str | None:
-
     shift, turn = float(np.linalg.norm(rest[:3, 3])), float(np.degrees(turned_by(np.eye(4), rest)))
     if shift < 1e-9 and turn < 1e-9:
         return None

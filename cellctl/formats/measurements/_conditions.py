@@ -48,7 +48,6 @@ class Conditions:
 
 
 def _warmer(sieve: Sieve) -> Floats | None:
-
     if not any(sieve.data.texts("temperature")):
         return None
     degrees = np.array(sieve.numbers("temperature", missing=np.inf))
@@ -61,7 +60,6 @@ def _warmer(sieve: Sieve) -> Floats | None:
 
 
 def _payload(sieve: Sieve) -> Floats | None:
-
     if not any(sieve.data.texts("payload")):
         return None
     values = sieve.numbers("payload", missing=0.0)

@@ -259,7 +259,6 @@ class _Rows:
         return part.zeros[row] if isinstance(part, Reaches | Positions | Poses) else ""
 
     def _block(self, kind: Kind, rows: list[int], session: int, points: Points, datums: tuple[str, ...]) -> Measured:
-
         part, at = self.parts[kind], self.conditions.at(rows)
         if isinstance(part, Positions | Poses):
             return part.block(rows, at, session, datums)
@@ -284,7 +283,6 @@ def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artef
 
 
 def _task(model: RobotModel, terms: ModelTerms, blocks: list[Measured], given: dict[str, Any]) -> Task:
-
     return Task(model, blocks, groups=terms.groups(), **given)  # type: ignore[arg-type]  # a task makes row blocks
 
 

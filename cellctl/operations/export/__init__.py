@@ -125,5 +125,4 @@ class _Export:
         return files.to_bytes(lambda found: archive.readme(self._name, found, self._samples, missing))
 
     def _report(self) -> str:
-
         return report_text(self._place)

@@ -252,7 +252,6 @@ def _histogram(axes: Axes, sets: list[tuple[str, Floats, str]]) -> None:
 
 
 def _shares(axes: Axes, rows: Residuals, fit: Floats) -> None:
-
     axes.plot([0, 100], [0, 100], color=INK, linewidth=0.6)
     predicted = np.linspace(0.0, 1.0, 101)
     for label, p_value, colour in (

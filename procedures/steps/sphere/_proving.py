@@ -42,7 +42,6 @@ class ProofPlan(StepResult):
 
 
 def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
-
     check_on_sphere(context, known.get("sphere"), known.get("touches"))
 
 
@@ -88,7 +87,6 @@ def _standoffs(known: Mapping[str, Any]) -> int:
 
 
 def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
-
     options = standoff_options(known["distance_mm"]) if "distance_mm" in known else None
     check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
 

@@ -50,7 +50,6 @@ class Prepared(StepResult):
 
 
 def _check_prepare(context: CellContext, known: Mapping[str, Any]) -> None:
-
     recorded_load(context.cell)
     station_of(context.cell)
     reflectors_of(context.cell)

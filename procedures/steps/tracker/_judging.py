@@ -175,7 +175,6 @@ def predicted_sigma(context: StepContext, targets: Targets) -> Floats:
 
 
 def _repeatability(context: StepContext) -> float:
-
     return RobotFile.load(context.robot_file).repeatability
 
 

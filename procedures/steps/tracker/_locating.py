@@ -34,7 +34,6 @@ async def locate(context: StepContext, inputs: NoInputs) -> Located:
 
 
 def _located(context: StepContext) -> tuple[StationRow, float]:
-
     given = {nest.id: np.array(nest.xyz, float) for nest in station_of(context.cell).nests}
     measured = {row.nest: np.array(row.point.xyz) for row in context.recorded(NestRow)}
     there, here = (np.array([places[name] for name in given]) for places in (given, measured))
@@ -61,7 +60,6 @@ class Turns(StepResult):
 
 
 def _check_turns(context: CellContext, known: Mapping[str, Any]) -> None:
-
     planned_turns(context, known.get("points", 9))
 
 

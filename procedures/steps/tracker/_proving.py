@@ -66,7 +66,6 @@ class ReadModel(StepResult):
 
 
 def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
-
     check_model(context, known, of_reflector=True)
 
 

@@ -112,7 +112,6 @@ def _way(context: StepContext) -> tuple[JointReadings, JointReadings, JointReadi
 
 
 def _judged(rows: Sequence[ReturnRow], limit_mm: float) -> Settling:
-
     times = [row.point.time_ns * 1e-9 for row in rows]
     limits = SettlingLimits(samples=_RETURNS, scatter_mm=limit_mm, drift_mm=limit_mm)
     return settling(times, [row.point.xyz for row in rows], limits)

@@ -271,10 +271,8 @@ def _row(pose: PosePlan, fields: dict[str, Any]) -> Row:
 
 
 def _search_mm(context: StepContext) -> float:
-
     return station_of(context.cell).search_mm
 
 
 def _array(joints: JointReadings) -> Any:
-
     return np.array([joints])
