@@ -156,8 +156,8 @@ def result_sentences(report: dict[str, Any]) -> list[str]:
     ]
     if still_rising:
         words.append(
-            "These semivariograms still rise at the greatest distance, so that their range and sill are not "
-            f"determined, only their slope: {', '.join(still_rising)}."
+            "These semivariograms still rise at the greatest distance, so range and sill are not determined, only "
+            f"sill / range²: {', '.join(still_rising)}."
         )
     return words
 
