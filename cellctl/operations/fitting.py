@@ -29,7 +29,7 @@ from cellctl.formats import (
 from cellctl.formats.measurements import refuse_alike
 from cellctl.operations.fit_options import Asked, Judging, option
 from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
-from cellctl.report.fit import FitStory, fit_page
+from cellctl.report.fit import FitStory
 
 if TYPE_CHECKING:
     Shown: TypeAlias = Callable[[str], AbstractContextManager[Progress]]
@@ -173,6 +173,8 @@ class Fitted:
 
     def page(self, robot: str, data: str) -> str:
         """The report as an HTML page; `robot`, `data`: names of these files on it."""
+        from cellctl.report.fit.page import fit_page  # here: matplotlib takes a second, and few fits draw a page
+
         sources = {"robot file": robot, "data set": f"{data}, SHA-256 {self.given.data.sha256[:12]}…"}
         return fit_page(FitStory.of(self.measured, self.result, self.split, self.report, sources))
 

@@ -10,7 +10,7 @@ from cellctl.calibration import Measured, PositionRows, RobotModel, Split, Task,
 from cellctl.calibration.model.postures import At
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import pose_from_xyz_abc
-from cellctl.report.fit import write_fit_page
+from cellctl.report.fit.page import write_fit_page
 from tests.helpers.reports import KR5, postures, told, truth
 
 PLACE = pose_from_xyz_abc([1500.0, -200.0, 300.0], [30.0, 2.0, -1.0])

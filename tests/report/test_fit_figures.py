@@ -24,11 +24,11 @@ from cellctl.calibration import (
 )
 from cellctl.kinematics import to_poe
 from cellctl.report.fit import _advice as advices
-from cellctl.report.fit import _by_place, _parameters, _residual_pictures
+from cellctl.report.fit import _by_place, _parameter_pictures, _parameters, _residual_pictures
 from cellctl.report.fit._advice import advice, narrows
-from cellctl.report.fit._page import head
 from cellctl.report.fit._region import RegionSigma, along_joint
 from cellctl.report.fit._residual_pictures import coverage, scaled_numbers
+from cellctl.report.fit._rows import head
 from cellctl.report.fit.residuals import _Predicted, residuals_of
 from tests.helpers.reports import (
     CENTRES,
@@ -269,7 +269,7 @@ def test_the_strongest_pairs_are_named_first_with_what_is_known_of_them():
     matrix = np.eye(3)
     matrix[0, 1] = matrix[1, 0] = -0.99
     matrix[1, 2] = matrix[2, 1] = 0.93
-    assert _parameters.strongest(["a", "b", "c"], matrix) == [
+    assert _parameter_pictures.strongest(["a", "b", "c"], matrix) == [
         "a and b (−0.990: their sum is known best)",
         "b and c (0.930: their difference is known best)",
     ]
@@ -277,7 +277,7 @@ def test_the_strongest_pairs_are_named_first_with_what_is_known_of_them():
 
 def test_the_picture_has_a_square_for_each_pair_that_is_correlated(seen):
     symbols, matrix = _parameters.correlation(seen)
-    picture = _parameters.correlation_picture(symbols, matrix)
+    picture = _parameter_pictures.correlation_picture(symbols, matrix)
     squares = sum(
         path.count("M") for path in re.findall(r'd="([^"]*z[^"]*)"', picture) if path.count("L") == 3 * path.count("M")
     )

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import Backlash, Harmonics, JointCompliance, Postures, Split, Task, ThermalExpansion
-from cellctl.report.fit import FitStory, fit_page, write_fit_page
+from cellctl.report.fit import FitStory
+from cellctl.report.fit.page import fit_page, write_fit_page
 from tests.helpers.reports import (
     Page,
     arm,

@@ -14,7 +14,7 @@ from cellctl.formats.model import REGION_MARGIN_DEG, JointRegion
 from cellctl.journal import Journal, JournalError, fold, read_journal
 from cellctl.records import IdentificationRow, ResidualsRow, Row, TableStateRow
 from cellctl.report import ReportSection, Run, Sections, Sigma, render, report_text, write_report
-from cellctl.report.fit import fit_page
+from cellctl.report.fit.page import fit_page
 from cellctl.report.fit.residuals import Residuals
 from tests.helpers.journals import SEARCH
 from tests.helpers.reports import Page

@@ -1,6 +1,9 @@
-"""A fit as one self-contained HTML page: residuals, parameters, unobservable parameters, what to measure next."""
+"""A fit as one self-contained HTML page: residuals, parameters, unobservable parameters, what to measure next.
 
-from cellctl.report.fit._page import fit_page, identification_rows, write_fit_page
+`page` draws it. What a run stores of a fit is here: it draws nothing, so a run does not load matplotlib.
+"""
+
+from cellctl.report.fit._rows import identification_rows
 from cellctl.report.fit._story import FitStory
 
-__all__ = ["FitStory", "fit_page", "identification_rows", "write_fit_page"]
+__all__ = ["FitStory", "identification_rows"]

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 
 from cellctl.calibration import Parameter, Unknowns, functions, kinds, plane_estimates
 from cellctl.formats import RobotFile
 from cellctl.kinematics import Bools, Floats, abc_from_rotation
-from cellctl.report.drawing import DIVERGING, svg_of
 from cellctl.report.figures import DASH, MINUS, fixed, significant, with_sigma
 from cellctl.report.fit._story import FitStory
 
@@ -245,16 +240,6 @@ def _placement(session: str, frame: str, pose: Floats, covariance: Floats) -> Se
     }
 
 
-STRONG = 0.9
-"""Least correlation of a listed pair."""
-
-MOST = 50
-"""Maximum number of parameters in the picture, the most correlated ones."""
-
-_NAMED = 8
-_LEVELS = np.array([0.15, 0.3, 0.5, 0.7, 0.85, 0.95])
-
-
 def correlation(story: FitStory) -> tuple[list[str], Floats]:
     """Symbols (F,) and correlation matrix (F, F) of the robot's free parameters, including its places.
     Coefficients of random functions are left out.
@@ -264,57 +249,3 @@ def correlation(story: FitStory) -> tuple[list[str], Floats]:
     free = np.flatnonzero(unknowns.free & ~unknowns.among(functions()) & ~places & (np.diag(covariance) > 0.0))
     sigma = np.sqrt(np.diag(covariance)[free])
     return [unknowns.parameters[index].label for index in free], covariance[np.ix_(free, free)] / np.outer(sigma, sigma)
-
-
-def strongest(symbols: Sequence[str], matrix: Floats) -> list[str]:
-    """The strongly correlated pairs as text, strongest first."""
-    first, second = np.triu_indices(len(symbols), 1)
-    order = np.argsort(-np.abs(matrix[first, second]), kind="stable")
-    pairs = [(first[at], second[at], float(matrix[first[at], second[at]])) for at in order]
-    return [_pair(symbols[a], symbols[b], value) for a, b, value in pairs[:_NAMED] if abs(value) >= STRONG]
-
-
-def count_strong(matrix: Floats) -> int:
-    """Number of strongly correlated pairs."""
-    return int(np.count_nonzero(np.abs(matrix[np.triu_indices(len(matrix), 1)]) >= STRONG))
-
-
-def _pair(first: str, second: str, value: float) -> str:
-    known = "sum" if value < 0.0 else "difference"
-    return f"{first} and {second} ({f'{value:.3f}'.replace('-', MINUS)}: their {known} is known best)"
-
-
-def correlation_picture(symbols: Sequence[str], matrix: Floats) -> str:
-    """The lower triangle as squares; darker: stronger correlation. Red: positive."""
-    if len(symbols) > MOST:
-        worst = np.sort(np.argsort(-np.max(np.abs(matrix - np.eye(len(matrix))), axis=1), kind="stable")[:MOST])
-        symbols, matrix = [symbols[index] for index in worst], matrix[np.ix_(worst, worst)]
-    count = len(symbols)
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        for level in range(len(_LEVELS)):
-            for sign in (-1.0, 1.0):
-                _squares(axes, matrix, level, sign)
-        axes.set(xlim=(-0.5, count - 0.5), ylim=(count - 0.5, -0.5), aspect="equal")
-        small = min(6.5, 260.0 / count)
-        axes.set_xticks(range(count), symbols, rotation=90, fontsize=small)
-        axes.set_yticks(range(count), symbols, fontsize=small)
-        axes.grid(linewidth=0.3)
-        axes.legend(loc="upper right", ncols=2, title="correlation", title_fontsize=7, fontsize=6.5)
-
-    return svg_of(draw, "correlation", min(6.6, 2.2 + 0.11 * count), "Correlation of the identified parameters")
-
-
-def _squares(axes: object, matrix: Floats, level: int, sign: float) -> None:
-    """All cells of one sign and level as one path: a picture of thousands of cells stays small."""
-    low = _LEVELS[level]
-    high = _LEVELS[level + 1] if level + 1 < len(_LEVELS) else np.inf
-    rows, columns = np.nonzero(np.tril((sign * matrix >= low) & (sign * matrix < high), -1))
-    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5]])
-    places = np.stack([columns, rows], axis=1)[:, None, :] + corners
-    codes = np.tile([Path.MOVETO, *[Path.LINETO] * 3, Path.CLOSEPOLY], len(rows))
-    shown = Path(places.reshape(-1, 2), codes) if len(rows) else Path(np.zeros((0, 2)))
-    colour = DIVERGING(0.5 + 0.5 * sign * (level + 1.0) / len(_LEVELS))
-    words = f"{'+' if sign > 0 else MINUS}{low:.2f} and more"
-    axes.add_patch(PathPatch(shown, facecolor=colour, edgecolor="none", label=words))  # type: ignore[attr-defined]

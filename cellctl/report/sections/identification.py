@@ -9,7 +9,7 @@ from cellctl.records import IdentificationRow, ResidualsRow
 from cellctl.report._page import ReportSection
 from cellctl.report._run import Run
 from cellctl.report.budget import IDENTIFICATION
-from cellctl.report.fit.sections import identification_sections
+from cellctl.report.fit.page import identification_sections
 
 
 def build(run: Run) -> Mapping[str, Any] | None:

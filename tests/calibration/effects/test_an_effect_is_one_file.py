@@ -14,7 +14,8 @@ from cellctl.calibration.model.postures import varies
 from cellctl.cli.fit import predict
 from cellctl.files import InputError
 from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
-from cellctl.report.fit import FitStory, write_fit_page
+from cellctl.report.fit import FitStory
+from cellctl.report.fit.page import write_fit_page
 from tests.helpers import arms
 from tests.helpers.arms import csv_text, joints_and_places
 

@@ -1,19 +1,15 @@
-"""The page of a fit: its head with verdict and figures, the two rows that a run stores of it, written as HTML."""
+"""What a run stores of a fit, and what its page shows: verdict and figures, parameters, hints; nothing is drawn."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cellctl.calibration import Measured
 from cellctl.calibration.estimation.evidence import estimated
-from cellctl.files import write_atomically
 from cellctl.records import IdentificationRow, ResidualsRow
-from cellctl.report._page import template
-from cellctl.report.budget import FIGURES, IDENTIFICATION
 from cellctl.report.figures import fit_lines, percent, reasons, with_sigma
 from cellctl.report.fit import _parameters as listed_parameters
 from cellctl.report.fit._advice import advice, hints
@@ -21,8 +17,6 @@ from cellctl.report.fit._parameters import coefficients, correlation, groups, he
 from cellctl.report.fit._region import RegionSigma, curves, figures
 from cellctl.report.fit._story import FitStory
 from cellctl.report.fit.residuals import Residuals, listed, residuals_of
-from cellctl.report.fit.sections import identification_sections
-from cellctl.version import __version__
 
 Section = dict[str, Any]
 
@@ -190,18 +184,3 @@ def _left_out(story: FitStory) -> list[Section]:
         for name, words in _LEFT_OUT
         for row in story.said.get(name, [])
     ]
-
-
-def write_fit_page(path: Path, story: FitStory) -> None:
-    """Write the report of a fit to `path`. Raises OSError."""
-    write_atomically(path, fit_page(story))
-
-
-def fit_page(story: FitStory) -> str:
-    """The report of a fit as HTML: no script, nothing fetched, no date; the same fit gives the same bytes."""
-    return template("fit.html").render(
-        **identification_sections(*identification_rows(story)),
-        conditions=story.conditions,
-        sigmas=(*FIGURES, *IDENTIFICATION),
-        version=__version__,
-    )

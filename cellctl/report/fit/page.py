@@ -1,18 +1,21 @@
-"""The sections about an identification, from the rows that a run stores of it."""
+"""The page of a fit and its sections, from the rows that a run stores of it."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cellctl.files import write_atomically
 from cellctl.kinematics import Floats
 from cellctl.records import IdentificationRow, ResidualsRow
+from cellctl.report._page import template
+from cellctl.report.budget import FIGURES, IDENTIFICATION
 from cellctl.report.drawing import before_and_after
 from cellctl.report.figures import fixed, percent, significant, with_sigma
-from cellctl.report.fit import _parameters as correlations
+from cellctl.report.fit import _parameter_pictures as pictures
 from cellctl.report.fit._by_place import EACH, SphereErrors, place_picture, sphere_maps
-from cellctl.report.fit._region import region_pictures
 from cellctl.report.fit._residual_pictures import (
     coverage,
     drifts,
@@ -21,7 +24,10 @@ from cellctl.report.fit._residual_pictures import (
     order_picture,
     scaled_picture,
 )
+from cellctl.report.fit._rows import identification_rows
+from cellctl.report.fit._story import FitStory
 from cellctl.report.fit.residuals import Residuals
+from cellctl.version import __version__
 
 Section = dict[str, Any]
 
@@ -123,12 +129,12 @@ def correlation(found: IdentificationRow) -> Section | None:
     if len(labels) < 2:
         return None
     return {
-        "picture": correlations.correlation_picture(labels, matrix),
-        "strongest": correlations.strongest(labels, matrix),
-        "strong": correlations.count_strong(matrix),
-        "shown": min(len(labels), correlations.MOST),
+        "picture": pictures.correlation_picture(labels, matrix),
+        "strongest": pictures.strongest(labels, matrix),
+        "strong": pictures.count_strong(matrix),
+        "shown": min(len(labels), pictures.MOST),
         "all": len(labels),
-        "limit": f"{correlations.STRONG:g}",
+        "limit": f"{pictures.STRONG:g}",
     }
 
 
@@ -150,6 +156,21 @@ def region(rows: Residuals, found: IdentificationRow) -> Section:
         "figures": {
             name: (significant(rms), significant(found.sigma_max_mm[name])) for name, rms in found.sigma_rms_mm.items()
         },
-        "pictures": region_pictures(curves, readings, found.joints),
+        "pictures": pictures.region_pictures(curves, readings, found.joints),
         "region": list(ends),
     }
+
+
+def write_fit_page(path: Path, story: FitStory) -> None:
+    """Write the report of a fit to `path`. Raises OSError."""
+    write_atomically(path, fit_page(story))
+
+
+def fit_page(story: FitStory) -> str:
+    """The report of a fit as HTML: no script, nothing fetched, no date; the same fit gives the same bytes."""
+    return template("fit.html").render(
+        **identification_sections(*identification_rows(story)),
+        conditions=story.conditions,
+        sigmas=(*FIGURES, *IDENTIFICATION),
+        version=__version__,
+    )
