@@ -53,4 +53,8 @@ def test_a_jump_names_tip_and_robot_which_way_it_went_and_a_cure(shift: float, w
 def test_a_return_more_than_three_sigma_from_the_one_before_is_remarked_upon() -> None:
     assert remark([visit(0.0), visit(2.9 * SIGMA)]) is None
     assert "3.5 σ from the visit before" in (remark([visit(0.0), visit(-3.5 * SIGMA)]) or "")
-    assert remark([visit(3.5 * SIGMA), visit(3.6 * SIGMA)]) is None, "only the change since the last visit counts"
+
+
+def test_a_slow_drift_is_remarked_upon_once_it_is_more_than_three_sigma_from_the_first_visit() -> None:
+    assert remark([visit(1.5 * SIGMA), visit(2.9 * SIGMA)]) is None
+    assert "3.2 σ from the first visit" in (remark([visit(1.6 * SIGMA), visit(3.2 * SIGMA)]) or "")

@@ -200,7 +200,7 @@ def _source(state: CellState) -> str:
     return "Not examined yet, and no run was on this cell."
 
 
-_NOW_UNKNOWN = "How it is now shows an examination."
+_NOW_UNKNOWN = "Its present state is known after an examination."
 
 
 def _age(utc: str) -> str:

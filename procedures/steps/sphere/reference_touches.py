@@ -66,14 +66,18 @@ def jump(visits: Sequence[ReferenceRow]) -> DeviceFault | None:
 
 
 def remark(visits: Sequence[ReferenceRow]) -> str | None:
-    """What is said of the last of `visits` if it differs from the previous one by more than scatter usually does."""
-    sigmas = abs(_change_mm(visits)) / visits[-1].sigma_mm
-    if sigmas <= _REMARKED_SIGMAS:
-        return None
-    return (
-        f"that is {sigmas:.1f} σ from the visit before: scatter alone exceeds 3 σ once in 370 visits; "
-        "look at the tip and the sphere if the next return is as far off"
-    )
+    """What is said of the last of `visits` if it is farther off than scatter explains: from the visit before (a step),
+    or else from the first one (a drift, for which no single step is large).
+    """
+    last = visits[-1]
+    for change_mm, where in ((_change_mm(visits), "visit before"), (last.shift_mm, "first visit")):
+        sigmas = abs(change_mm) / last.sigma_mm
+        if sigmas > _REMARKED_SIGMAS:
+            return (
+                f"that is {sigmas:.1f} σ from the {where}: scatter alone exceeds 3 σ once in 370 visits; "
+                "look at the tip and the sphere if the next return is as far off"
+            )
+    return None
 
 
 def _change_mm(visits: Sequence[ReferenceRow]) -> float:
