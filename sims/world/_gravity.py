@@ -171,11 +171,9 @@ def _reaches_m(stations: NDArray[np.float64]) -> list[float]:
 def _greatest_moments(axes: Sequence[Axis], links: Sequence[Mass], random: np.random.Generator) -> list[float]:
     """N·mm: about each axis, were it level, by the weight of all that it carries, over poses drawn at random."""
     directions = np.array([axis.direction for axis in axes])
-    moments = [
-        np.linalg.norm(np.cross(directions, levers(axes, links, turns(angles))), axis=1)
-        for angles in random.uniform(-pi, pi, (_POSES, len(links))).tolist()
-    ]
-    return [float(moment) for moment in np.max(moments, axis=0)]
+    poses = random.uniform(-pi, pi, (_POSES, len(links))).tolist()
+    ways = np.array([levers(axes, links, turns(angles)) for angles in poses])
+    return [float(moment) for moment in np.linalg.norm(np.cross(directions, ways), axis=2).max(axis=0)]
 
 
 class Falls(ArithmeticError):
