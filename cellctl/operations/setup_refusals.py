@@ -54,6 +54,8 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
     that of another robot of the same family.
     """
     found = check_setup(measured.task, measured.robot.joint_map(), measured.readings, progress)
+    if found.left_out:
+        progress(f"set-up errors, without {' and '.join(found.left_out)}, which this check cannot judge", 0.9)
     problems = [
         _problem(files, measured, error, change, _others(found.errors, error))
         for error in found.errors

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias, final
 
 import numpy as np
@@ -105,12 +105,14 @@ class SetupCheck:
     """What was found. errors: alternative explanations, the best first; each alone is sufficient.
 
     implausible: whether nominal is too far from the rows for any robot of its kind. wide_fit: if nominal is suspicious
-    and no set-up error explains that, the result of a fit within wide tolerances.
+    and no set-up error explains that, the result of a fit within wide tolerances. left_out: the rows that this check
+    cannot judge, by kind, as "200 heights".
     """
 
     implausible: bool = False
     errors: tuple[SetupError, ...] = ()
     wide_fit: WideFit | None = None
+    left_out: tuple[str, ...] = ()
 
 
 def check_setup(task: Task, joints: JointMap, readings: Floats, progress: Progress = silent) -> SetupCheck:
@@ -119,6 +121,12 @@ def check_setup(task: Task, joints: JointMap, readings: Floats, progress: Progre
     Equally good explanations are all reported: the rows do not show which is right. Nothing is found where
     there are too few rows, or where nominal cannot be registered numerically.
     """
+    judged = np.concatenate([np.full(len(block), block.in_setup_check) for block in task.rows.blocks])
+    if not judged.all():
+        others = {block.many: len(block) for block in task.rows.blocks if len(block) and not block.in_setup_check}
+        known = replace(task, rows=task.rows.pick(judged))
+        found = check_setup(known, joints, np.asarray(readings, float)[judged], progress)
+        return replace(found, left_out=tuple(f"{count} {name}" for name, count in others.items()))
     if len(task.rows) < ROWS_AT_LEAST or task.rows.size < 2 * task.registering:
         return SetupCheck()
     try:

@@ -17,7 +17,7 @@ import numpy as np
 from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.estimation.identify import Identification, Weights, identify, identify_kept
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.rows import PlaneRows, SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.ladder import climb
 from cellctl.kinematics import Bools, Floats
@@ -154,10 +154,7 @@ def _errors_of(
 def _sample(rows: RowBlocks) -> Any:
     """Which rows (N,) predict the distances: a sample from instruments, and as many from points."""
     owner = np.concatenate(
-        [
-            block.point if isinstance(block, TouchRows | SocketRows | PlaneRows) else np.full(len(block), -1 - number)
-            for number, block in enumerate(rows.blocks)
-        ]
+        [np.where(block.visited >= 0, block.visited, -1 - number) for number, block in enumerate(rows.blocks)]
     )
     chosen, rng = np.zeros(len(rows), bool), np.random.default_rng(0)
     for owners in (np.unique(owner[owner < 0]), np.unique(owner[owner >= 0])):

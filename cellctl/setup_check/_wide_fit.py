@@ -22,7 +22,7 @@ from cellctl.calibration.estimation.estimate import Estimate, estimate
 from cellctl.calibration.estimation.identify import certain
 from cellctl.calibration.model.parameter import Parameter
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows import Measured, PoseRows, PositionRows
+from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Floats
 from cellctl.setup_check.hypothesis import Setup
 from cellctl.setup_check.misfit import IMPLAUSIBLE, LEAST_MM, Misfit, misfit, nearest, only, rms, row_errors
@@ -167,7 +167,7 @@ def _shuffled(setup: Setup, rng: np.random.Generator) -> Setup:
     readings, start = setup.readings.copy(), 0
     for block in setup.task.rows.blocks:
         mine = slice(start, start + len(block))
-        together = isinstance(block, PositionRows | PoseRows)
+        together = block.positions is not None
         own = readings[mine]
         readings[mine] = own[rng.permutation(len(own))] if together else rng.permuted(own, axis=0)
         start += len(block)

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.rows import Measured, PoseRows, PositionRows
+from cellctl.calibration.rows import Measured
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats, JointMap, SerialChain
 
@@ -41,7 +41,7 @@ class Setup:
         """Measured positions (M, 3), mm; NaN for rows of other kinds."""
         return np.concatenate(
             [
-                block.xyz if isinstance(block, PositionRows | PoseRows) else np.full((len(block), 3), np.nan)
+                np.full((len(block), 3), np.nan) if block.positions is None else block.positions
                 for block in self.task.rows.blocks
             ]
         )
@@ -60,17 +60,7 @@ class Setup:
 
     def with_positions(self, positions: Floats) -> Self:
         """Other measured positions (M, 3), mm; rows of other kinds stay."""
-
-        def moved(block: Measured, xyz: Floats) -> Measured:
-            if isinstance(block, PositionRows):
-                return replace(block, xyz=xyz)
-            if isinstance(block, PoseRows):
-                poses = block.poses.copy()
-                poses[:, :3, 3] = xyz
-                return replace(block, poses=poses)
-            return block
-
-        return self._with_blocks(moved, positions)
+        return self._with_blocks(lambda block, xyz: block.with_positions(xyz), positions)
 
     def with_blocks(self, change: Callable[[Measured], Measured]) -> Self:
         """Each block of rows changed by `change`; the angles stay."""

@@ -10,7 +10,6 @@ import numpy as np
 
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows import PoseRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats
 from cellctl.setup_check.hypothesis import Setup
@@ -115,15 +114,9 @@ def misfit(setup: Setup, rounds: int = ROUNDS) -> Misfit:
 
 def row_errors(task: Task, state: State) -> list[tuple[Floats, Floats | None]]:
     """For each block the rows' distances (N,), mm, and rotations (N,), deg, None where nothing measured them."""
-    result: list[tuple[Floats, Floats | None]] = []
-    for block in task.rows.blocks:
-        if isinstance(block, PoseRows):
-            residual = block.deviation(state)
-            turns = np.rad2deg(np.linalg.norm(residual[:, 3:], axis=1))
-            result.append((np.linalg.norm(residual[:, :3], axis=1), turns))
-        else:
-            result.append((block.errors(state), None))
-    return result
+    turns = [block.turn_errors(state) for block in task.rows.blocks]
+    mm = [block.errors(state) for block in task.rows.blocks]
+    return [(one, None if turn is None else np.rad2deg(turn)) for one, turn in zip(mm, turns, strict=True)]
 
 
 def distances(setup: Setup, state: State) -> Floats:

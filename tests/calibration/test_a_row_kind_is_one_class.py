@@ -11,6 +11,8 @@ from cellctl.calibration.model.postures import At
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import pose_from_xyz_abc
 from cellctl.report.fit.page import write_fit_page
+from cellctl.setup_check import check_setup
+from cellctl.setup_check.hypothesis import Setup
 from tests.helpers.reports import KR5, postures, told, truth
 
 PLACE = pose_from_xyz_abc([1500.0, -200.0, 300.0], [30.0, 2.0, -1.0])
@@ -90,6 +92,17 @@ def test_an_outlier_among_them_is_left_out(task):
     rows = RowBlocks((positions, heights.changed(height=wrong)))
     found = fit(Task(task.model, rows), Split(np.arange(260), ()))
     assert found.identification.outliers == (67,)
+
+
+def test_the_set_up_check_judges_the_other_rows_and_says_what_it_left_out(task):
+    readings = KR5.joint_map().readings(np.concatenate([block.q for block in task.rows.blocks]))
+    found = check_setup(task, KR5.joint_map(), readings)
+    assert found.left_out == ("200 heights",)
+    assert not found.errors
+    readings[:, 2] *= -1.0
+    wrong = Setup(task, KR5.joint_map(), readings).with_readings(readings).task
+    (error,) = check_setup(wrong, KR5.joint_map(), readings).errors
+    assert "A3 reversed" in error.words()
 
 
 def test_the_page_names_and_draws_them(task, tmp_path):

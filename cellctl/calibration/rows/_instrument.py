@@ -110,6 +110,7 @@ class PositionRows(_InstrumentRows):
     one: ClassVar[str] = "position"
     many: ClassVar[str] = "positions"
     of_instrument: ClassVar[bool] = True
+    in_setup_check: ClassVar[bool] = True
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -120,6 +121,10 @@ class PositionRows(_InstrumentRows):
     def positions(self) -> Floats:
         """The measured points (N, 3), mm."""
         return self.xyz
+
+    def with_positions(self, xyz: Floats) -> Self:
+        """Other measured points (N, 3), mm."""
+        return replace(self, xyz=xyz)
 
     def deviation(self, state: State) -> Floats:
         """Model point minus measured point (N, 3), mm."""
@@ -157,6 +162,7 @@ class PoseRows(_InstrumentRows):
     one: ClassVar[str] = "pose"
     many: ClassVar[str] = "poses"
     of_instrument: ClassVar[bool] = True
+    in_setup_check: ClassVar[bool] = True
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -177,6 +183,16 @@ class PoseRows(_InstrumentRows):
     def orientations(self) -> Floats:
         """The measured rotations (N, 3, 3)."""
         return np.asarray(self.poses[:, :3, :3])
+
+    def with_positions(self, xyz: Floats) -> Self:
+        """Other measured positions (N, 3), mm, with the same orientations."""
+        poses = self.poses.copy()
+        poses[:, :3, 3] = xyz
+        return replace(self, poses=poses)
+
+    def turn_errors(self, state: State) -> Floats:
+        """Angles (N,), rad, from measured to model."""
+        return np.asarray(np.linalg.norm(self.deviation(state)[:, 3:], axis=1))
 
     def moved_to(self, postures: Postures, model: RobotModel) -> Self:
         """The model's poses at other postures: a turn of the tool is measured at its own place."""

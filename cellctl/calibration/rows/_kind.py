@@ -58,7 +58,8 @@ class RowsAtJoints(ABC):
     of_planes: whether their fixed points are planes (`State.points` has the poles). has_length: whether they contain a
     length, without which the robot's size is unobservable. along_line: whether a row is one distance along a line
     (`normals`). one, many: names of such a row. noun, visits, visits_at_least: names of their fixed points and of the
-    rows at them, and how many rows find such a point and check that they agree.
+    rows at them, and how many rows find such a point and check that they agree. in_setup_check: whether the set-up
+    check can judge such rows (`distances_alone`, or `positions`); it leaves others out, and says so.
     """
 
     at: At
@@ -74,6 +75,7 @@ class RowsAtJoints(ABC):
     noun: ClassVar[str] = "point"
     visits: ClassVar[str] = "rows"
     visits_at_least: ClassVar[int] = 0
+    in_setup_check: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", Postures.of(self.at))
@@ -141,6 +143,20 @@ class RowsAtJoints(ABC):
     def place(self, model: RobotModel) -> Floats:
         """Place (3,), mm, of the fixed point of all these rows; of a plane its pole."""
         return np.asarray(model.tcp(self.postures).mean(axis=0))
+
+    def with_positions(self, xyz: Floats) -> Self:
+        """These rows with other measured TCPs (N, 3), mm; the same rows where the kind measures none."""
+        return self
+
+    def turn_errors(self, state: State) -> Floats | None:
+        """Angles (N,), rad, between model and measured orientations; None where the kind measures none."""
+        return None
+
+    def distances_alone(self, tcps: Floats) -> Floats:
+        """Squared distances (C, N), mm², in any order, of the TCPs `tcps` (C, N, 3) of C candidate robots from the
+        fixed points that fit each candidate best. The set-up check ranks candidates by them, without a registration.
+        """
+        raise NotImplementedError(f"{type(self).__name__} is in the set-up check without distances of its own")
 
     def normals(self, state: State) -> Floats:
         """Unit vectors (N, 3) of the line along which each row is a distance; NaN for other rows."""

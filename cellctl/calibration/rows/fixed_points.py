@@ -54,6 +54,47 @@ def _off_surface(points: Floats, reach: Floats, centre: Floats) -> float:
     return float(np.sum((np.linalg.norm(points - centre, axis=1) - reach) ** 2))
 
 
+_RIDGE = 1e-10
+"""Share of the largest diagonal element: enough to solve where base and tool cannot be separated."""
+
+
+def least_squares(lines: Floats, right: Floats) -> Floats:
+    """Least squares (C, k) of batches (C, M, k) and (C, M), by normal equations, slightly regularised."""
+    turned = lines.swapaxes(-1, -2)
+    normal = np.matmul(turned, lines)
+    largest = np.diagonal(normal, axis1=-2, axis2=-1).max(axis=-1)
+    held: Any = normal + _RIDGE * largest[:, None, None] * np.eye(normal.shape[-1])
+    return np.asarray(np.linalg.solve(held, np.matmul(turned, right[..., None]))[..., 0])
+
+
+def _from_their_mean(tcps: Floats) -> Floats:
+    """Squared distances (C, N) of `tcps` (C, N, 3) from the socket that fits them best."""
+    return np.asarray(np.sum((tcps - tcps.mean(axis=1, keepdims=True)) ** 2, axis=-1))
+
+
+def _from_their_plane(tcps: Floats) -> Floats:
+    """Squared distances (C, N) from the plane that fits `tcps` (C, N, 3), of balls of one size, best."""
+    away = tcps - tcps.mean(axis=1, keepdims=True)
+    normal = np.linalg.eigh(np.matmul(away.swapaxes(1, 2), away))[1][..., :1]
+    return np.asarray(np.matmul(away, normal)[..., 0] ** 2)
+
+
+def _from_their_sphere(tcps: Floats, reach: Floats, shifted: bool) -> Floats:
+    """Squared distances (C, N) from the surface of the sphere that fits `tcps` (C, N, 3) best.
+
+    shifted: its radius and `reach` (N,) differ by an unknown amount.
+    """
+    if tcps.shape[1] < 5 + shifted:
+        return _from_their_mean(tcps)
+    away = tcps - tcps.mean(axis=1, keepdims=True)
+    unit, own = np.ones((*away.shape[:2], 1)), reach - reach.mean() if shifted else reach
+    besides = [np.broadcast_to(-2.0 * own[:, None], unit.shape)] if shifted else []
+    lines = np.concatenate([2.0 * away, unit, *besides], axis=-1)
+    found = least_squares(lines, np.sum(away**2, axis=-1) - own**2)
+    length = own - found[:, 4:] if shifted else own
+    return np.asarray((np.linalg.norm(away - found[:, None, :3], axis=-1) - length) ** 2)
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class TouchRows(RowsAtJoints):
@@ -77,6 +118,7 @@ class TouchRows(RowsAtJoints):
     noun: ClassVar[str] = "sphere"
     visits: ClassVar[str] = "touches"
     visits_at_least: ClassVar[int] = 4
+    in_setup_check: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -126,6 +168,13 @@ class TouchRows(RowsAtJoints):
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(state.points[self.point] + self.lengths(state)[:, None] * normals)
 
+    def distances_alone(self, tcps: Floats) -> Floats:
+        """From the sphere of each point and datum."""
+        pairs = np.column_stack([self.point, self.datum])
+        groups = [(pair[1] >= 0, np.all(pairs == pair, axis=1)) for pair in np.unique(pairs, axis=0)]
+        found = [_from_their_sphere(tcps[:, mine], self.reach[mine], shifted) for shifted, mine in groups]
+        return np.concatenate(found, axis=1)
+
     def lengths(self, state: State) -> Floats:
         """The measured distances (N,), mm: the readings less the datums of `state`."""
         return np.asarray(self.reach - np.append(state.datums, 0.0)[self.datum])  # -1: the last one, 0
@@ -150,6 +199,7 @@ class SocketRows(RowsAtJoints):
     noun: ClassVar[str] = "socket"
     visits: ClassVar[str] = "visits"
     visits_at_least: ClassVar[int] = 2
+    in_setup_check: ClassVar[bool] = True
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -169,6 +219,11 @@ class SocketRows(RowsAtJoints):
     def errors(self, state: State) -> Floats:
         """3-D distance (N,) from the socket, mm."""
         return np.asarray(np.linalg.norm(self.residual(state), axis=-1))
+
+    def distances_alone(self, tcps: Floats) -> Floats:
+        """From each socket."""
+        found = [_from_their_mean(tcps[:, self.point == index]) for index in np.unique(self.point)]
+        return np.concatenate(found, axis=1)
 
 
 SCALE_MM = 1000.0
@@ -204,6 +259,7 @@ class PlaneRows(RowsAtJoints):
     noun: ClassVar[str] = "plane"
     visits: ClassVar[str] = "touches"
     visits_at_least: ClassVar[int] = 4
+    in_setup_check: ClassVar[bool] = True
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -235,6 +291,11 @@ class PlaneRows(RowsAtJoints):
         """The pole (3,), mm, of the plane that the TCPs lie on."""
         tcps = model.tcp(self.postures)
         return plane_pole(tcps, self.reach, model.chain.frames(self.q)[..., :3, 3])
+
+    def distances_alone(self, tcps: Floats) -> Floats:
+        """From each plane."""
+        found = [_from_their_plane(tcps[:, self.point == index]) for index in np.unique(self.point)]
+        return np.concatenate(found, axis=1)
 
     def anywhere(self, state: State) -> Floats:
         """TCPs (N, 3) that touch each row's plane, up to `ACROSS_MM` from their places."""
