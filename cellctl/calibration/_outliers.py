@@ -158,7 +158,7 @@ ROUNDS = 5
 
 @final
 @dataclass(frozen=True, eq=False)
-class Belonging:
+class Inliers:
     """kept (N,): the rows that are inliers; noise (Q,): the factors of σ with which they are, one for each of
     `RowBlocks.quantities`. weight: logarithm of how probable that makes all rows. strained (Q,): which kinds of numbers
     are further from the model than that, or belong to rows left out; none: all rows are explained.
@@ -181,41 +181,41 @@ class Belonging:
         return cls(kept.rows, noise, weight, _strained(scaled, kept.rows, kept.x, noise))
 
 
-def belonging(linear: Linear, *, thorough: bool = True) -> Belonging:
+def find_inliers(linear: Linear, *, thorough: bool = True) -> Inliers:
     """The rows that are inliers, by the most probable explanation: some outliers, some kinds noisy, or both.
 
     Starting from the stated noise, or from the scatter of each kind, the factors of all kinds of numbers, or of one of
     them, grow while that makes the rows more probable. thorough: no outlier hides another (`within_limit`).
     """
-    found = Belonging.at(linear, np.ones(int(linear.factors.max()) + 1), thorough=thorough)
+    found = Inliers.at(linear, np.ones(int(linear.factors.max()) + 1), thorough=thorough)
     if _there(linear, found.noise).sum() > 1 and found.strained.any():
         found = _as_scattered(linear, found, thorough=thorough)
     while True:
         noisier = max(_noisier(linear, found), key=lambda each: each.weight, default=found)
         if noisier.weight <= found.weight:
             return found
-        found = max(noisier, Belonging.at(linear, noisier.noise, thorough=thorough), key=lambda each: each.weight)
+        found = max(noisier, Inliers.at(linear, noisier.noise, thorough=thorough), key=lambda each: each.weight)
         if _there(linear, found.noise).sum() == 1:  # all kinds of noise have been tried
             return found
 
 
-def _as_scattered(linear: Linear, found: Belonging, *, thorough: bool) -> Belonging:
+def _as_scattered(linear: Linear, found: Inliers, *, thorough: bool) -> Inliers:
     """`found`, or the explanation by the scatter of every strained kind, where that is more probable: with many
     kinds, to get there step by step and kind by kind takes hundreds of evaluations of all rows.
 
     The factor of a kind is lowered, one step or to 1, where that makes the rows even more probable.
     """
-    best = max(found, Belonging.at(linear, _scattering(linear, found)), key=lambda each: each.weight)
+    best = max(found, Inliers.at(linear, _scattering(linear, found)), key=lambda each: each.weight)
     if best is found:
         return found
     for kind in np.flatnonzero(best.noise > found.noise):
         for less in (best.noise[kind] / STEP, found.noise[kind]):
-            tried = Belonging.at(linear, np.where(np.arange(len(best.noise)) == kind, less, best.noise))
+            tried = Inliers.at(linear, np.where(np.arange(len(best.noise)) == kind, less, best.noise))
             best = max(best, tried, key=lambda each: each.weight)
-    return max(best, Belonging.at(linear, best.noise, thorough=thorough), key=lambda each: each.weight)
+    return max(best, Inliers.at(linear, best.noise, thorough=thorough), key=lambda each: each.weight)
 
 
-def _scattering(linear: Linear, found: Belonging) -> Floats:
+def _scattering(linear: Linear, found: Inliers) -> Floats:
     """Noise (Q,) equal to the scatter of the strained kinds about a model with these weights."""
     noise = found.noise
     for _ in range(ROUNDS):
@@ -231,7 +231,7 @@ def _stepped(noise: Floats) -> Floats:
     return np.asarray(STEP ** np.round(np.log(np.clip(noise, 1.0, NOISIEST / STEP)) / np.log(STEP)))
 
 
-def _noisier(linear: Linear, found: Belonging) -> Iterator[Belonging]:
+def _noisier(linear: Linear, found: Inliers) -> Iterator[Inliers]:
     """Explanations by more noise of all numbers together, and of one kind that is strained."""
     there = _there(linear, found.noise)
     if not found.strained.any():
@@ -241,7 +241,7 @@ def _noisier(linear: Linear, found: Belonging) -> Iterator[Belonging]:
         best = found.weight
         noise = np.where(growing, STEP, 1.0) * found.noise
         while noise.max() < NOISIEST and _at_best(linear, noise) > best:
-            tried = Belonging.at(linear, noise)
+            tried = Inliers.at(linear, noise)
             yield tried
             if not (tried.strained & growing).any():
                 break

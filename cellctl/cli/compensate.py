@@ -27,7 +27,7 @@ from cellctl.operations.compensating import (
     MethodFigures,
     compare_methods,
     compensate_targets,
-    learnt_on,
+    controller_of_model,
     refuse_other_cell,
 )
 from cellctl.operations.program_compensation import (
@@ -125,10 +125,10 @@ def compensate(
     if method == _ALL:
         compare(identified, wanted, str(targets), limit, json_)
         return
-    learnt = None if _is_csv(out) else learnt_on(model, identified, serial)
+    controller = None if _is_csv(out) else controller_of_model(model, identified, serial)
     with refused_rows(json_):
         found = compensate_targets(identified, wanted, str(targets), method=method, passes=passes, correction_deg=limit)
-    table = found.table(learnt, calendar_time()) if learnt else None
+    table = found.table(controller, calendar_time()) if controller else None
     figures = {**({"id": table.id, "serial": table.robot.serial} if table else {}), **_figures(found)}
     text = table.text() if table else found.csv()
     if place is None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from cellctl.console.look import COLOURS
+from cellctl.console.appearance import COLOURS
 from cellctl.metrology import ControlChart
 from cellctl.operations.comparing_runs import ParameterSeries
 

@@ -10,9 +10,9 @@ from typing import Any, final
 
 from nicegui import background_tasks, ui
 
+from cellctl.console.appearance import command_button, escaped, problem_list, state_word
 from cellctl.console.guarding import Session, session_of
 from cellctl.console.jobs import Job
-from cellctl.console.look import command_button, escaped, problem_list, state_word
 from cellctl.console.shared import console
 from cellctl.devices import DeviceError
 from cellctl.engine import Operator

@@ -16,9 +16,9 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
+from cellctl.console.appearance import CSS
 from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
 from cellctl.console.live import LiveRuns
-from cellctl.console.look import CSS
 from cellctl.console.scene.points import installed_sources
 from cellctl.console.shared import Audit, Console, Settings, use
 from cellctl.files import InputError, Problem

@@ -39,7 +39,7 @@ from cellctl.operations.compensating import (
     CellRobot,
     CompensatedTargets,
     compensate_targets,
-    learnt_on,
+    controller_of_model,
     refuse_model,
     refuse_other_cell,
     try_targets,
@@ -98,8 +98,8 @@ class Compensation:
         serial: of the controller, if neither the model nor its run names it. Raises InputError with every target that
         has no joints, as `cellctl compensate` does.
         """
-        learnt = learnt_on(self.asked.path, self.asked.model, serial)
-        return self.asked.all_of_them().table(learnt, calendar_time())
+        controller = controller_of_model(self.asked.path, self.asked.model, serial)
+        return self.asked.all_of_them().table(controller, calendar_time())
 
     def to_csv(self, path: str | Path) -> None:
         """Write the file that `cellctl compensate -o FILE.csv` writes (docs/reference/compensation.md).

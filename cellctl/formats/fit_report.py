@@ -89,7 +89,7 @@ def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]
     position at the reading r + sign · δ. Only where the zeros alone were free: if the links are free as well, an error
     of a link may be confused with one of a zero.
     """
-    freed = measured.task.freed
+    freed = measured.task.free_groups
     if "zeros" not in freed or freed & {"links", "geometry"}:
         return []
     change, sigma = zero_changes(measured.task, result.identification.identified)
@@ -191,14 +191,19 @@ def _moved(place: Placing) -> str:
 def _tool_held(measured: Measurements, result: FitResult) -> Placing | None:
     """Where the tool was held in partial work that failed, although base and tool together explain the rows."""
     task, place = measured.task, result.placing
-    held = task.partial and "base" in task.freed and "tool" not in task.freed and result.verdict != "better"
+    held = (
+        task.is_partial_update
+        and "base" in task.free_groups
+        and "tool" not in task.free_groups
+        and result.verdict != "better"
+    )
     return place if held and place is not None and place.tool_too else None
 
 
 def _base_held_elsewhere(measured: Measurements, result: FitResult) -> bool:
     """Whether the base was held in partial work that failed, although registering nominal leaves far less."""
     task, place = measured.task, result.placing
-    held = task.partial and "base" not in task.freed and result.verdict != "better"
+    held = task.is_partial_update and "base" not in task.free_groups and result.verdict != "better"
     return held and place is not None and place.as_is_mm >= MOVED * result.nominal.rms
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.analysis import Correlation, EmpiricalSemivariogram, ErrorSet, Similarity, UnsuitableRows
 from cellctl.calibration import State
-from cellctl.calibration.estimation.identify import registered, rows_together
+from cellctl.calibration.estimation.identify import inliers_among, registered
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.files import InputError, Problem
 from cellctl.formats._prior import from_prior
@@ -58,7 +58,7 @@ def robot_errors(
     total = len(measured.lines)
     chosen = np.sort(np.random.default_rng([seed, 32]).permutation(total)[:most])
     task, rows = measured.task, measured.task.rows.pick(chosen)
-    kept, apart = rows_together(task, rows)
+    kept, apart = inliers_among(task, rows)
     kept |= ~_far(np.concatenate(_errors(rows, registered(task, rows.pick(kept)).state)[1]), kept)
     task = from_prior(measured, model, (), file).task if model else task
     inliers = rows.pick(kept)

@@ -37,7 +37,7 @@ SIMULATED_SERIAL = "SIM-"
 
 @final
 @dataclass(frozen=True, slots=True)
-class LearntOn:
+class ModelController:
     """The controller that a table is for, whether its model was identified on a simulator, and in which run."""
 
     serial: str
@@ -45,7 +45,7 @@ class LearntOn:
     run: str | None
 
 
-def learnt_on(path: Path | None, model: ModelFile, serial: str | None) -> LearntOn:
+def controller_of_model(path: Path | None, model: ModelFile, serial: str | None) -> ModelController:
     """The controller of the model in file `path` (None: it is in no file): from its provenance, else the journal in its
     folder, else `serial`.
 
@@ -54,39 +54,39 @@ def learnt_on(path: Path | None, model: ModelFile, serial: str | None) -> Learnt
     """
     if serial is not None and not serial.strip():
         raise InputError(Problem("--serial", 0, 0, "is empty", "give the serial number that the controller shows"))
-    found = stated_on(path, model)
+    found = stated_controller(path, model)
     name = str(path or "the model")
     if found is None and serial is None:
         what = "does not say on whose controller it was learnt"
         raise InputError(Problem(name, 0, 0, what, "give its serial with --serial"))
     if found is None:
         assert serial is not None
-        return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), None)
+        return ModelController(serial, serial.startswith(SIMULATED_SERIAL), None)
     if serial is not None and serial != found.serial:
         what = f"'{serial}', but {name} was learnt on controller '{found.serial}'"
         raise InputError(Problem("--serial", 0, 0, what, "leave --serial out, or give this robot's own model"))
     return found
 
 
-def stated_on(path: Path | None, model: ModelFile) -> LearntOn | None:
+def stated_controller(path: Path | None, model: ModelFile) -> ModelController | None:
     """The controller that the model's provenance states, else the journal in its folder; None if neither does."""
     return _by_provenance(model, path) or (_by_journal(path.parent) if path else None)
 
 
-def _by_provenance(model: ModelFile, path: Path | None) -> LearntOn | None:
+def _by_provenance(model: ModelFile, path: Path | None) -> ModelController | None:
     serial = model.provenance.get("robot_serial")
     if serial is None:
         return None
     run = model.provenance.get("run") or (_run_of(path.parent) if path else None)
-    return LearntOn(serial, serial.startswith(SIMULATED_SERIAL), run)
+    return ModelController(serial, serial.startswith(SIMULATED_SERIAL), run)
 
 
-def _by_journal(folder: Path) -> LearntOn | None:
+def _by_journal(folder: Path) -> ModelController | None:
     """The only device with axes of the run in `folder`; every step calls it robot."""
     if not (folder / "journal.sqlite").exists():
         return None
     identity = fold(read_journal(folder)).identities.get("robot")
-    return LearntOn(str(identity["serial"]), bool(identity["simulated"]), _run_of(folder)) if identity else None
+    return ModelController(str(identity["serial"]), bool(identity["simulated"]), _run_of(folder)) if identity else None
 
 
 def _run_of(folder: Path) -> str | None:
@@ -138,16 +138,16 @@ class CompensatedTargets:
         """The same in full precision."""
         return target_rows(self.model, self.wanted.poses, self.found, self.errors, exact=True)
 
-    def table(self, learnt: LearntOn, created: str) -> TableFile:
-        """The table for the controller `learnt`; created: ISO 8601, a label."""
+    def table(self, controller: ModelController, created: str) -> TableFile:
+        """The table for the `controller`; created: ISO 8601, a label."""
         made = "" if self.passes is None else f", {self.passes} pass{'' if self.passes == 1 else 'es'}"
         return table_of(
             self.model,
             self.wanted.poses,
             self.found,
-            serial=learnt.serial,
-            simulated=learnt.simulated,
-            run=learnt.run,
+            serial=controller.serial,
+            simulated=controller.simulated,
+            run=controller.run,
             created=created,
             method=f"{self.method}{made}",
             errors=self.errors,

@@ -140,7 +140,7 @@ def _tried(name: str, robot: RobotFile, sample: DataSet, artefact: Artefact | No
     except InputError:
         return None
     outside = 1.0 - len(rows.lines) / len(sample)
-    if rows.task.rows.size < 2 * rows.task.registering:
+    if rows.task.rows.size < 2 * rows.task.n_registration:
         return Suggestion(name, robot.name, outside, None, None, False)
     setup = Setup(rows.task, robot.joint_map(), rows.readings)
     try:

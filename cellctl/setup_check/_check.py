@@ -127,7 +127,7 @@ def check_setup(task: Task, joints: JointMap, readings: Floats, progress: Progre
         known = replace(task, rows=task.rows.pick(judged))
         found = check_setup(known, joints, np.asarray(readings, float)[judged], progress)
         return replace(found, left_out=tuple(f"{count} {name}" for name, count in others.items()))
-    if len(task.rows) < ROWS_AT_LEAST or task.rows.size < 2 * task.registering:
+    if len(task.rows) < ROWS_AT_LEAST or task.rows.size < 2 * task.n_registration:
         return SetupCheck()
     try:
         with np.errstate(over="ignore", invalid="ignore"):

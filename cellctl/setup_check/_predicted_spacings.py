@@ -102,7 +102,7 @@ def model_errors(spacings: SpacingRows, found: Estimate, rows: RowBlocks, noise:
     """
     lines = spacings.jacobian(found.state)[:, 0]
     carried = lines @ found.covariance
-    share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
+    share = max(1.0 - found.effective_parameters / max(rows.size, 1), 1.0 / max(rows.size, 1))
     gains, sizes, angles = [], [], []
     for block, _, own in rows.parts():
         if len(block):

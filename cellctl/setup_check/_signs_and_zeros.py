@@ -287,7 +287,7 @@ def _refined(sample: Setup, joints: JointChanges) -> JointChanges:
     unknowns = hypothesis.task.unknowns(about.state)
     loose = np.array([each.group == "zeros" and bool(joints.offset[each.joint - 1]) for each in unknowns.parameters])
     sigma = np.where(loose, np.deg2rad(LOOSE_DEG), unknowns.sigma)
-    free = loose | hypothesis.task.registration(unknowns)
+    free = loose | hypothesis.task.registration_parameters(unknowns)
     found = estimate(replace(unknowns, sigma=sigma, prior=None, free=free), blocks)
     for place in np.flatnonzero(loose):
         turn, joint = float(np.rad2deg(found.deviations[place])), unknowns.parameters[place].joint - 1

@@ -102,7 +102,7 @@ class ScaleError:
 
 def find_spacing_errors(task: Task) -> tuple[SpacingError | ScaleError, ...]:
     """The certified distances of `task` that contradict the rows or other distances."""
-    if task.spacings is None or not len(task.spacings) or task.rows.size < 2 * task.registering:
+    if task.spacings is None or not len(task.spacings) or task.rows.size < 2 * task.n_registration:
         return ()
     try:
         found = _contradicted(task, task.spacings)

@@ -19,7 +19,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.estimation.estimate import Estimate, estimate
-from cellctl.calibration.estimation.identify import certain
+from cellctl.calibration.estimation.identify import certified_rows
 from cellctl.calibration.model.parameter import Parameter
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured
@@ -124,11 +124,11 @@ def _fitted(setup: Setup, nominal: Misfit) -> tuple[Estimate, list[Any]]:
     """The fit within wide tolerances to the nearest rows, and which these are, by block."""
     task = replace(setup.task, prior=None, groups=None, candidates=None, rough=None)
     unknowns = task.unknowns(nominal.state)
-    unknowns = unknowns.masked(task.identification(unknowns)).with_prior_scale(WIDENED)
+    unknowns = unknowns.masked(task.free_parameters(unknowns)).with_prior_scale(WIDENED)
     kept, begin = list(nominal.kept), None
     for _ in range(ROUNDS):
         blocks = [_as_uncertain(block, nominal.predicted_mm) for block in only(task.rows, kept).blocks if len(block)]
-        found = estimate(unknowns, [*blocks, *certain(task)], begin)
+        found = estimate(unknowns, [*blocks, *certified_rows(task)], begin)
         begin = found.deviations
         kept = [nearest(errors) for errors, _ in row_errors(task, found.state)]
     return found, kept

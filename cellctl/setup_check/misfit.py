@@ -155,7 +155,7 @@ def _predicted(task: Task, state: State, kept: tuple[Any, ...]) -> tuple[float, 
     blocks = only(task.rows, kept).blocks
     sigma = np.concatenate([block.sigma.ravel() for block in blocks])
     jacobian = np.concatenate([block.jacobian(state).reshape(-1, state.width) for block in blocks]) / sigma[:, None]
-    free = task.registration(unknowns)
+    free = task.registration_parameters(unknowns)
     u, s, _ = np.linalg.svd(jacobian[:, free] * np.sqrt(np.diag(known))[free], full_matrices=False)
     tied = u[:, s > 1e-10 * s.max(initial=0.0)]
     root[free] = 0.0

@@ -8,8 +8,18 @@ from urllib.parse import quote
 
 from nicegui import ui
 
+from cellctl.console.appearance import (
+    Cell,
+    facts,
+    figures,
+    look_of_verdict,
+    numbers,
+    section,
+    shown_time,
+    state_word,
+    words,
+)
 from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
-from cellctl.console.look import Cell, facts, figures, look_of_verdict, numbers, section, shown_time, state_word, words
 from cellctl.report.figures import fixed
 from procedures.steps.daily.history import DailyCheck, DailyHistories, DailyHistory
 

@@ -73,8 +73,10 @@ def test_its_rows_are_fitted_and_judged(result):
 
 def test_they_tell_of_the_base(task):
     alone = Task(task.model, task.rows.blocks[1])
-    unknowns = alone.unknowns(alone._somewhere())
-    free = {name for name, is_free in zip(unknowns.names, alone.registration(unknowns), strict=True) if is_free}
+    unknowns = alone.unknowns(alone._unplaced_state())
+    free = {
+        name for name, is_free in zip(unknowns.names, alone.registration_parameters(unknowns), strict=True) if is_free
+    }
     assert {"base_z", "base_b", "tool_x"} <= free
 
 

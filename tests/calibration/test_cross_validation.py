@@ -26,7 +26,12 @@ def folded(kr5):
     unknowns = nominal_start(task, task.rows)
     found = estimate(unknowns, task.rows.blocks)
     folds = random_folds(q)
-    return task, found, folds, Folded.of(unknowns, found.deviations, task.rows, [], folds, task.registration(unknowns))
+    return (
+        task,
+        found,
+        folds,
+        Folded.of(unknowns, found.deviations, task.rows, [], folds, task.registration_parameters(unknowns)),
+    )
 
 
 def refitted(found, rows, test, kept, noise, scale):
@@ -87,6 +92,6 @@ def test_base_and_tool_that_no_other_row_tells_of_are_found_from_the_held_out_ro
     task, found, _, given = folded
     alone = given.with_folds([np.arange(ROWS)]).predicted(np.ones(given.registering.size, bool), {})
     assert alone.placed.all()
-    nominal = estimate(found.unknowns.masked(task.registration(found.unknowns)), task.rows.blocks)
+    nominal = estimate(found.unknowns.masked(task.registration_parameters(found.unknowns)), task.rows.blocks)
     error = np.linalg.norm(task.rows.only.residual(nominal.state), axis=1)
     assert np.sqrt(np.mean(alone.errors**2)) < 1.1 * np.sqrt(np.mean(error**2))

@@ -49,7 +49,7 @@ def test_noisy_sessions_are_found_with_a_few_looks_for_each(looks):
     factors = np.array([1.0, 3.0] * 4)
     found = identify(sessions(5, factors))
     assert found.outliers == ()
-    assert found.apart == 0
+    assert found.n_inconsistent == 0
     np.testing.assert_allclose(found.noise[::3], factors, rtol=0.25)
     assert len(looks) < 20 * len(factors)
 
@@ -102,7 +102,7 @@ def test_wild_touches_are_found_beside_any_number_of_positions(monkeypatch):
     monkeypatch.setattr(sys.modules["cellctl.calibration.estimation.identify"], "SEARCHED", 200)
     found = identify(beside_positions(2000, outlying=(4, 17)))
     assert found.outliers == (2004, 2017)
-    assert found.apart == 0
+    assert found.n_inconsistent == 0
     assert found.noise.tolist() == [1.0] * 4
 
 

@@ -119,7 +119,7 @@ def as_found(done, noisy, about=0.35):
     """Whether the numbers at `noisy` scatter ten times more than they say, by what was found, and no others."""
     np.testing.assert_allclose(done.noise[noisy], TEN, rtol=about)
     np.testing.assert_array_equal(done.noise[~noisy], 1.0)
-    return not done.outliers and not done.apart
+    return not done.outliers and not done.n_inconsistent
 
 
 @pytest.mark.parametrize("noisy", SIGMA)

@@ -194,5 +194,5 @@ def test_a_reversed_joint_is_named_from_plane_touches_and_a_sound_set_up_is_not_
 def test_planes_are_no_poses():
     campaign = campaign_of(2)
     task = task_of(campaign, [campaign.planes(12, PLANES, SIGMA, BALL)], ("floor", "wall", "side"))
-    assert task.registering == 9
+    assert task.n_registration == 9
     assert PoseRows not in task.rows.kinds

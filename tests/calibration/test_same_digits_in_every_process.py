@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.calibration.estimation.evidence import Normal, System
+from cellctl.calibration.estimation.evidence import NormalEquations, System
 
 NAMES = [f"harmonics{number}" for number in range(24)]
 
@@ -28,7 +28,7 @@ def evidence(hashes):
     rows, one = rng.normal(size=(60, len(NAMES))), np.ones(len(NAMES))
     system = System(
         numbers={},
-        fixed=(Normal.of(rows[:, None, :], rng.normal(size=(60, 1))),),
+        fixed=(NormalEquations.of(rows[:, None, :], rng.normal(size=(60, 1))),),
         loose=factors,
         groups=np.arange(len(NAMES)),
         known=np.eye(len(NAMES)),

@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from cellctl.clock import WallClock
-from cellctl.console.look import COLOURS
+from cellctl.console.appearance import COLOURS
 from cellctl.journal import Journal, OperatorAction, read_journal
 from tests.helpers.console import ConsoleProcess, browser, console_process
 from tests.helpers.engine import WrittenRun

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from cellctl.console.appearance import is_pausing, progress_of, sentence_of
 from cellctl.console.live import LiveRun, Snapshot
 from cellctl.console.live._run import LogLine
-from cellctl.console.look import is_pausing, progress_of, sentence_of
 from cellctl.console.pages.run_parts import can_retry, rows_of
 from cellctl.console.pages.run_parts import text_of as line_text
 from cellctl.console.pages.start import limits_of, text_of

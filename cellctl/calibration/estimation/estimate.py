@@ -57,7 +57,7 @@ class Estimate:
         return self.unknowns.state(self.deviations)
 
     @property
-    def seen_by_data(self) -> float:
+    def effective_parameters(self) -> float:
         """Effective number of parameters that the data determined; tolerances determined the other free ones."""
         data = self.triangle.T @ self.triangle
         known = self.whitening.T @ self.whitening

@@ -53,17 +53,17 @@ SHARP = 1e-5
 def unexpected(found: Estimate, rows: RowBlocks) -> bool:
     """Whether residuals or parameters of a fit are larger than noise and tolerances predict, in any kind or group."""
     state = found.state
-    share = max(1.0 - found.seen_by_data / max(rows.size, 1), 1.0 / max(rows.size, 1))
+    share = max(1.0 - found.effective_parameters / max(rows.size, 1), 1.0 / max(rows.size, 1))
     for block, _, _ in rows.parts():
         squares = (block.residual(state) / block.sigma) ** 2
         for quantity in dict.fromkeys(block.quantities):
             mine = squares[:, np.array(block.quantities) == quantity]
             if _beyond(float(mine.sum()), mine.size * share):
                 return True
-    return _strange(found)
+    return _unexpected_parameters(found)
 
 
-def _strange(found: Estimate) -> bool:
+def _unexpected_parameters(found: Estimate) -> bool:
     """Whether parameters are further from their expected values than tolerances, or a prior model, predict."""
     unknowns, x = found.unknowns, found.deviations / found.unknowns.sigma
     groups, loose = np.array(unknowns.groups), scalable(unknowns)
@@ -97,11 +97,11 @@ def _prior_scales(group: Group) -> tuple[float, float] | None:
     return kind.prior_scales if kind else None
 
 
-def factors(found: Estimate, unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> dict[Factor, float]:
+def factors(found: Estimate, unknowns: Unknowns, rows: RowBlocks, certified: Sequence[Rows]) -> dict[Factor, float]:
     """Noise and prior scales by the evidence of `rows`, linearised at `found`: the most probable ones for effects
     (`tuned`); others one by one, only where the evidence supports them.
     """
-    return System.of(unknowns, found.deviations, rows, certain).factors()
+    return System.of(unknowns, found.deviations, rows, certified).factors()
 
 
 STEEP = 2.0
@@ -110,12 +110,12 @@ STEEP = 2.0
 
 @final
 @dataclass(frozen=True, eq=False)
-class Normal:
+class NormalEquations:
     """Linearised rows as normal equations, in tolerances: JᵀJ (F, F), Jᵀa (F,), aᵀa, and the count of numbers."""
 
-    square: Floats
-    pull: Floats
-    rest: float
+    JtJ: Floats
+    Jtr: Floats
+    rtr: float
     count: int
 
     @classmethod
@@ -126,17 +126,17 @@ class Normal:
 
     def restricted(self, at: Any) -> Self:
         """For the unknowns at `at` alone."""
-        return replace(self, square=self.square[np.ix_(at, at)], pull=self.pull[at])
+        return replace(self, JtJ=self.JtJ[np.ix_(at, at)], Jtr=self.Jtr[at])
 
     def without(self, other: Self) -> Self:
         """Without the rows of `other`."""
-        left = self.square - other.square, self.pull - other.pull, self.rest - other.rest
+        left = self.JtJ - other.JtJ, self.Jtr - other.Jtr, self.rtr - other.rtr
         return type(self)(*left, self.count - other.count)
 
     def slope(self, log: float, x: Floats, covariance: Floats) -> float:
         """Derivative of the evidence by the logarithm of these rows' noise, at optimum x with its covariance."""
-        squares = self.rest + 2.0 * self.pull @ x + x @ self.square @ x
-        return float(np.exp(-2.0 * log) * (squares + np.sum(self.square * covariance)) - self.count)
+        squares = self.rtr + 2.0 * self.Jtr @ x + x @ self.JtJ @ x
+        return float(np.exp(-2.0 * log) * (squares + np.sum(self.JtJ * covariance)) - self.count)
 
 
 @final
@@ -150,8 +150,8 @@ class System:
     estimated, with their bounds; closed: indices in `loose` without any unknown left.
     """
 
-    numbers: Mapping[Factor, Normal]
-    fixed: tuple[Normal, ...]
+    numbers: Mapping[Factor, NormalEquations]
+    fixed: tuple[NormalEquations, ...]
     loose: tuple[Factor, ...]
     groups: Any
     known: Floats
@@ -162,7 +162,7 @@ class System:
     independent: bool = False
 
     @classmethod
-    def of(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
+    def of(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certified: Sequence[Rows]) -> Self:
         """The problem of `unknowns` linearised at `deviations` (P,) from their start."""
         about = np.flatnonzero(unknowns.free | unknowns.considered)
         scale = unknowns.sigma[about]
@@ -172,17 +172,17 @@ class System:
             columns, away = linearised(block, state, about, scale)
             return columns, away - columns @ x
 
-        numbers: dict[Factor, Normal] = {}
+        numbers: dict[Factor, NormalEquations] = {}
         for block, _, own in rows.parts():
             columns, away = of(block)
             for quantity in dict.fromkeys(block.quantities if len(block) else ()):
                 mine = np.array(block.quantities) == quantity
-                numbers["noise", own.start + int(np.argmax(mine))] = Normal.of(columns[:, mine], away[:, mine])
-        loose = tuple(group for group in scalable(unknowns) if group != "links" or _measures_length(rows, certain))
+                numbers["noise", own.start + int(np.argmax(mine))] = NormalEquations.of(columns[:, mine], away[:, mine])
+        loose = tuple(group for group in scalable(unknowns) if group != "links" or _measures_length(rows, certified))
         place, names = {name: number for number, name in enumerate(loose)}, unknowns.scaled_with
         return cls(
             numbers=numbers,
-            fixed=(*(Normal.of(*of(block)) for block in certain), _pins(unknowns, about)),
+            fixed=(*(NormalEquations.of(*of(block)) for block in certified), _pins(unknowns, about)),
             loose=tuple((name, 0) for name in loose),
             of_effects={(name, 0): bounds for name, bounds in estimated(unknowns).items()},
             groups=np.array([place.get(names[at], -1) if unknowns.free[at] else -1 for at in about]),
@@ -283,7 +283,7 @@ class System:
         """Start value of a factor's logarithm: how much larger than predicted residuals, or parameters, are."""
         if factor in self.numbers:
             normal = self.numbers[factor]
-            squares = normal.rest + 2.0 * normal.pull @ self.x + self.x @ normal.square @ self.x
+            squares = normal.rtr + 2.0 * normal.Jtr @ self.x + self.x @ normal.JtJ @ self.x
             return max(0.5 * float(np.log(max(float(squares) / normal.count, 1.0))), 0.3)
         mine = self.groups == self.loose.index(factor)
         return max(0.5 * float(np.log(max(float(np.mean(self.x[mine] ** 2 / self.change[mine])), 1.0))), 0.3)
@@ -292,12 +292,12 @@ class System:
         """Logarithm of the probability of the rows with these logarithms of factors, up to a constant; and its
         derivative by the logarithm of each possible factor.
         """
-        square, pull, rest, value = self._weighed(logs)
+        JtJ, Jtr, rtr, value = self._weighed(logs)
         tolerances = self._scales(logs)
         known, before = self._known_with(tolerances)
-        covariance, volume = _inverse(square + known)
-        x = -covariance @ pull
-        value += -0.5 * float(before + rest + pull @ x + volume)
+        covariance, volume = _inverse(JtJ + known)
+        x = -covariance @ Jtr
+        value += -0.5 * float(before + rtr + Jtr @ x + volume)
         slopes = {factor: normal.slope(logs.get(factor, 0.0), x, covariance) for factor, normal in self.numbers.items()}
         if self.independent:
             widened = (x**2 + np.diag(covariance)) * np.diag(known) ** 2 - np.diag(known)
@@ -313,18 +313,18 @@ class System:
 
     def posterior(self, logs: Mapping[Factor, float]) -> tuple[Floats, Floats]:
         """Inverse covariance (F, F) of the unknowns with these logarithms, and the gradient (F,)."""
-        square, pull, _, _ = self._weighed(logs)
-        return square + self._known_with(self._scales(logs))[0], pull
+        JtJ, Jtr, _, _ = self._weighed(logs)
+        return JtJ + self._known_with(self._scales(logs))[0], Jtr
 
     def _weighed(self, logs: Mapping[Factor, float]) -> tuple[Floats, Floats, float, float]:
-        certain = [(normal, 0.0) for normal in self.fixed]
-        weighed = [*certain, *((normal, logs.get(factor, 0.0)) for factor, normal in self.numbers.items())]
-        square, pull, rest, value = np.zeros_like(self.known), np.zeros_like(self.x), 0.0, 0.0
+        certified = [(normal, 0.0) for normal in self.fixed]
+        weighed = [*certified, *((normal, logs.get(factor, 0.0)) for factor, normal in self.numbers.items())]
+        JtJ, Jtr, rtr, value = np.zeros_like(self.known), np.zeros_like(self.x), 0.0, 0.0
         for normal, log in weighed:
             weight = float(np.exp(-2.0 * log))
-            square, pull = square + weight * normal.square, pull + weight * normal.pull
-            rest, value = rest + weight * normal.rest, value - normal.count * log
-        return square, pull, rest, value
+            JtJ, Jtr = JtJ + weight * normal.JtJ, Jtr + weight * normal.Jtr
+            rtr, value = rtr + weight * normal.rtr, value - normal.count * log
+        return JtJ, Jtr, rtr, value
 
     def _scales(self, logs: Mapping[Factor, float]) -> Floats:
         """The logarithm of the prior scale of each unknown (F,)."""
@@ -337,10 +337,10 @@ class System:
         return _inverse(self.known + np.diag(self.change * np.expm1(2.0 * logs)))
 
 
-def _pins(unknowns: Unknowns, about: Any) -> Normal:
+def _pins(unknowns: Unknowns, about: Any) -> NormalEquations:
     """Pinned combinations, as in the estimate, for the unknowns at `about` (F,)."""
     pinned = pins(unknowns, about)
-    return Normal.of(pinned, np.zeros(len(pinned)))
+    return NormalEquations.of(pinned, np.zeros(len(pinned)))
 
 
 def _inverse(square: Floats) -> tuple[Floats, float]:
@@ -366,11 +366,11 @@ def _root(square: Floats) -> Floats:
     return np.asarray(root, float)
 
 
-def _measures_length(rows: RowBlocks, certain: Sequence[Rows]) -> bool:
+def _measures_length(rows: RowBlocks, certified: Sequence[Rows]) -> bool:
     """Whether any row measures a length. Sockets and planes alone do not: a robot of size 0 would fit all of them at
     once, and only the tolerances of its links prevent that.
     """
-    return any(map(len, certain)) or any(len(block) and block.has_length for block in rows.blocks)
+    return any(map(len, certified)) or any(len(block) and block.has_length for block in rows.blocks)
 
 
 def _beyond(squares: float, count: float) -> bool:

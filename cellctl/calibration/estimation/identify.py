@@ -11,12 +11,12 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration._outliers import OUTLIER_P, OUTLYING, belonging
+from cellctl.calibration._outliers import OUTLIER_P, OUTLYING, find_inliers
 from cellctl.calibration.effects import ResidualModel, functions
 from cellctl.calibration.estimation.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
 from cellctl.calibration.estimation.evidence import Factor, estimated, factors, unexpected
 from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.estimation.tool_search import tools, undecided
+from cellctl.calibration.estimation.tool_search import initial_states, with_rival_tools
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import PLACED, State, Unknowns
 from cellctl.calibration.prediction.predict import predict_rows
@@ -100,9 +100,9 @@ class Identification:
     """The nominal robot registered on the rows, the identified one, and the identified noise of the rows.
 
     noise: factor on the rows' standard deviations, for each of `RowBlocks.quantities`. used, outliers: indices into the
-    task's rows that both estimates use, and that were left out. apart: number of rows that were not inliers where these
-    were too many to leave out; 0 otherwise. prior_scale: factor on the tolerances of each group where the robot is
-    further from nominal than they predict.
+    task's rows that both estimates use, and that were left out. n_inconsistent: number of rows that were not inliers
+    where these were too many to leave out; 0 otherwise. prior_scale: factor on the tolerances of each group where the
+    robot is further from nominal than they predict.
     """
 
     nominal: Estimate
@@ -110,7 +110,7 @@ class Identification:
     noise: Floats
     used: tuple[int, ...]
     outliers: tuple[int, ...]
-    apart: int = 0
+    n_inconsistent: int = 0
     prior_scale: Mapping[Group, float] = field(default_factory=dict)
 
 
@@ -166,18 +166,18 @@ class Weighed:
 
 
 def identify(
-    task: Task, fit: Any = None, together: tuple[Bools, int] | None = None, weights: Weights | None = None
+    task: Task, fit: Any = None, known_inliers: tuple[Bools, int] | None = None, weights: Weights | None = None
 ) -> Identification:
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is used.
 
     Outliers are left out. Where the inliers are clearly noisier than their stated σ, the robot is further from nominal
     than the tolerances, or the model is incomplete, the evidence of the rows sets noise, prior scales and a residual
     model; noise and tolerances never shrink. Rows that were outliers only because the model was incomplete are used
-    again. together: which rows are inliers (`rows_together`), weights: noise and prior scales, where known.
+    again. known_inliers: which rows they are (`inliers_among`), weights: noise and prior scales, where known.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
     rows = task.rows.pick(chosen)
-    kept, apart = rows_together(without_functions(task), rows) if together is None else together
+    kept, n_inconsistent = inliers_among(without_functions(task), rows) if known_inliers is None else known_inliers
     inliers = rows.pick(kept)
     nominal, weighed = identify_kept(task, inliers, weights)
     for kind in may_join(task):
@@ -185,7 +185,7 @@ def identify(
         if wider is not None:
             task, weights = wider
             nominal, weighed = identify_kept(task, inliers, weights)
-    may_come_back = together is not None or any(isinstance(effect, ResidualModel) for effect in task.model.effects)
+    may_come_back = known_inliers is not None or any(isinstance(effect, ResidualModel) for effect in task.model.effects)
     while may_come_back and not kept.all():
         back = ~kept & (weighed.p_values(rows) >= OUTLIER_P)
         if not back.any():
@@ -203,7 +203,7 @@ def identify(
         prior_scale={name: factor for name, factor in weighed.weights.prior_scale.items() if name in there},
         used=tuple(chosen[kept].tolist()),
         outliers=tuple(chosen[~kept].tolist()),
-        apart=apart,
+        n_inconsistent=n_inconsistent,
     )
 
 
@@ -218,7 +218,7 @@ def _with_residual_model(
         return None
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
     start, known = nominal_start(wider, rows), weighed.weights.factors(rows)
-    scales = scales_with(kind.group, weighed.found, start, sample, certain(task), known)
+    scales = scales_with(kind.group, weighed.found, start, sample, certified_rows(task), known)
     if scales is None or not _predicts_better(kind, wider, start, rows, weighed, scales):
         return None
     return wider, Weights.of(rows, scales)
@@ -237,7 +237,9 @@ def _predicts_better(
     """
     some = rows.pick(judging(len(rows)))
     begin = carried(weighed.found, unknowns)
-    folded = Folded.of(unknowns, begin, some, certain(task), random_folds(some.q), task.registration(unknowns))
+    folded = Folded.of(
+        unknowns, begin, some, certified_rows(task), random_folds(some.q), task.registration_parameters(unknowns)
+    )
     without = ~unknowns.among(frozenset({kind.group}))[unknowns.free]
     logs = [{f: float(np.log(v)) for f, v in each.items()} for each in (weighed.weights.factors(rows), scales)]
     before, after = (without, logs[0]), (np.ones_like(without), logs[1])
@@ -253,26 +255,26 @@ def identify_kept(task: Task, rows: RowBlocks, weights: Weights | None = None) -
     nominal = registered(task, rows)
     start, *others = _starts(task, nominal, rows)
     if weights is None:
-        weighed = _weighed(start, rows, certain(task))
+        weighed = _weighed(start, rows, certified_rows(task))
     else:
-        weighed = _fit_with(weights, start, rows, certain(task))
-    if not task.retooled:
+        weighed = _fit_with(weights, start, rows, certified_rows(task))
+    if not task.has_new_tool:
         return nominal, weighed
     noisy, states = rows.noisier(weighed.weights.noise), [each.start for each in (start, *others)]
-    return nominal, replace(weighed, found=undecided(weighed.found, noisy, certain(task), states))
+    return nominal, replace(weighed, found=with_rival_tools(weighed.found, noisy, certified_rows(task), states))
 
 
-def rows_together(task: Task, rows: RowBlocks) -> tuple[Bools, int]:
+def inliers_among(task: Task, rows: RowBlocks) -> tuple[Bools, int]:
     """Which of `rows` (N,) are inliers; and the number of the others where these are too many to leave out: all rows
     are then kept.
     """
-    kept = _like_sample(task, rows, sampled(rows, SEARCHED)) if len(rows) > SEARCHED else _belonging(task, rows)
-    apart = 0
+    kept = _like_sample(task, rows, sampled(rows, SEARCHED)) if len(rows) > SEARCHED else _search_inliers(task, rows)
+    n_inconsistent = 0
     for _, mine, _ in [*rows.parts(), (None, slice(None), None)]:  # each block by itself, then all of them
         left_out = int(np.count_nonzero(~kept[mine]))
         if left_out > max(OUTLIERS_AT_MOST * len(kept[mine]), FEW):
-            kept, apart = _all_of(kept, mine), apart + left_out
-    return kept, apart
+            kept, n_inconsistent = _all_of(kept, mine), n_inconsistent + left_out
+    return kept, n_inconsistent
 
 
 def _all_of(kept: Bools, which: slice) -> Bools:
@@ -284,10 +286,10 @@ def _all_of(kept: Bools, which: slice) -> Bools:
 def _like_sample(task: Task, rows: RowBlocks, sample: Any) -> Bools:
     """Which of `rows` (N,) agree with the prediction from the inliers among `sample` (indices)."""
     of_sample = rows.pick(sample)
-    together = _belonging(task, of_sample)
-    _, weighed = identify_kept(task, of_sample.pick(together))
+    of_sample_kept = _search_inliers(task, of_sample)
+    _, weighed = identify_kept(task, of_sample.pick(of_sample_kept))
     kept = weighed.p_values(rows) >= OUTLYING
-    kept[sample] = together
+    kept[sample] = of_sample_kept
     return kept
 
 
@@ -295,8 +297,8 @@ def registered(task: Task, rows: RowBlocks) -> Estimate:
     """The nominal robot, tied to the measurement by `rows`."""
     plain = without_functions(task)
     unknowns = plain.unknowns(plain.start(rows))
-    unknowns = unknowns.masked(plain.registration(unknowns))
-    blocks = [*rows.blocks, *certain(task)]
+    unknowns = unknowns.masked(plain.registration_parameters(unknowns))
+    blocks = [*rows.blocks, *certified_rows(task)]
     found = estimate(replace(unknowns, pinned=_unseen(unknowns, blocks, plain.taught_mm)), blocks)
     return found if plain is task else widened(found, task.unknowns(_with_effects(found.unknowns.start, task)))
 
@@ -305,7 +307,7 @@ def with_tool_registered(task: Task, rows: RowBlocks) -> Estimate:
     """The robot as in its file, tied to the measurement by `rows`, and its tool found by them too."""
     of_file = replace(without_functions(task.of_nominal), groups=frozenset({"tool"}), candidates=None)
     unknowns = of_file.unknowns(of_file.start(rows))
-    return estimate(unknowns.masked(of_file.identification(unknowns)), [*rows.blocks, *certain(of_file)])
+    return estimate(unknowns.masked(of_file.free_parameters(unknowns)), [*rows.blocks, *certified_rows(of_file)])
 
 
 def _with_effects(state: State, task: Task) -> State:
@@ -324,14 +326,16 @@ def _starts(task: Task, nominal: Estimate, rows: RowBlocks) -> list[Unknowns]:
     """The unknowns to identify, with nominal as registered as expected values; in partial work, new ones start where
     `rows` fit best, the most probable place first; those unobservable in registration stay there.
     """
-    start = task.changed(rows) if task.partial else nominal.state
+    start = task.identification_start(rows) if task.is_partial_update else nominal.state
     unknowns = replace(task.unknowns(start), pinned=nominal.unknowns.pinned)
-    unknowns = unknowns.masked(task.identification(unknowns))
-    if task.partial and task.freed >= PLACED and not task.retooled:  # registration had not both of them free
-        unknowns = replace(unknowns, pinned=_unseen(unknowns, [*rows.blocks, *certain(task)]))
-    if not task.retooled:
+    unknowns = unknowns.masked(task.free_parameters(unknowns))
+    if (
+        task.is_partial_update and task.free_groups >= PLACED and not task.has_new_tool
+    ):  # registration had not both of them free
+        unknowns = replace(unknowns, pinned=_unseen(unknowns, [*rows.blocks, *certified_rows(task)]))
+    if not task.has_new_tool:
         return [unknowns]
-    return [unknowns.restarted(state) for state in tools(unknowns, rows, certain(task))]
+    return [unknowns.restarted(state) for state in initial_states(unknowns, rows, certified_rows(task))]
 
 
 def _unseen(unknowns: Unknowns, blocks: Sequence[Rows], taught: float = np.inf) -> Floats:
@@ -358,17 +362,17 @@ def _unseen(unknowns: Unknowns, blocks: Sequence[Rows], taught: float = np.inf) 
     return result
 
 
-def certain(task: Task) -> list[Rows]:
+def certified_rows(task: Task) -> list[Rows]:
     """Rows that are never outliers."""
     return [task.spacings] if task.spacings is not None else []
 
 
-def _belonging(task: Task, rows: RowBlocks) -> Bools:
+def _search_inliers(task: Task, rows: RowBlocks) -> Bools:
     """Which rows (N,) are inliers: found about the fit of the inliers, repeated until they stay the same.
 
     All rows, where these are too few to check each other.
     """
-    if rows.size < OVERDETERMINED * task.registering:
+    if rows.size < OVERDETERMINED * task.n_registration:
         return np.ones(len(rows), bool)
     start = _starts(task, _registered_on_closest(task, rows), rows)[0]
     start = start.masked(~start.among(functions()))  # hundreds of amounts that hide no outlier are held
@@ -376,11 +380,11 @@ def _belonging(task: Task, rows: RowBlocks) -> Bools:
     before = None
     for _ in range(ROUNDS):
         balanced = rows.noisier(noise / noise.min())
-        linear = Linear.about(unknowns, deviations, balanced, certain(task))
-        kept = belonging(linear, thorough=before is not None).kept  # nominal is too far from the rows for that
+        linear = Linear.about(unknowns, deviations, balanced, certified_rows(task))
+        kept = find_inliers(linear, thorough=before is not None).kept  # nominal is too far from the rows for that
         if before is not None and np.array_equal(kept, before):
             break
-        weighed = _weighed(start, rows.pick(kept), certain(task), deviations)
+        weighed = _weighed(start, rows.pick(kept), certified_rows(task), deviations)
         unknowns, deviations, noise = weighed.found.unknowns, weighed.found.deviations, weighed.weights.noise
         before = kept
     return kept
@@ -394,7 +398,7 @@ def _registered_on_closest(task: Task, rows: RowBlocks) -> Estimate:
         closest = np.sort(np.argsort(rows.errors(nominal.state), kind="stable")[:share])
         if np.array_equal(closest, before):
             break
-        some = [*rows.pick(closest).blocks, *certain(task)]
+        some = [*rows.pick(closest).blocks, *certified_rows(task)]
         nominal, before = estimate(nominal.unknowns, some, nominal.deviations), closest
     return nominal
 

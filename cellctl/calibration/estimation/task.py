@@ -73,22 +73,22 @@ class Task:
         object.__setattr__(self, "rows", RowBlocks.of(self.rows))
 
     @property
-    def freed(self) -> frozenset[Group]:
+    def free_groups(self) -> frozenset[Group]:
         """Groups that may change besides the registration."""
         if self.groups is not None:
             return self.groups
         return frozenset({GEOMETRY, "tool", *(effect.group for effect in self.model.effects)})
 
     @property
-    def partial(self) -> bool:
+    def is_partial_update(self) -> bool:
         """Whether a prior model is held except for a few groups."""
         return self.prior is not None and self.groups is not None
 
     @property
-    def retooled(self) -> bool:
+    def has_new_tool(self) -> bool:
         """Whether a prior model has a new tool, measured only by distances with known zeros."""
         touched = all(issubclass(kind, TouchRows) for kind in self.rows.kinds) and not self.datums
-        return self.partial and "tool" in self.freed and touched
+        return self.is_partial_update and "tool" in self.free_groups and touched
 
     @property
     def registered(self) -> frozenset[Group]:
@@ -96,7 +96,7 @@ class Task:
 
         In partial work those that are free: a prior model is registered as the identified robot is.
         """
-        return PLACED & self.freed if self.partial else PLACED
+        return PLACED & self.free_groups if self.is_partial_update else PLACED
 
     @property
     def of_nominal(self) -> Self:
@@ -111,20 +111,20 @@ class Task:
     @property
     def registers_only(self) -> bool:
         """Whether only the registration to the measurement is free."""
-        unknowns = self.unknowns(self._somewhere())
-        return not bool((self.identification(unknowns) & ~self.registration(unknowns)).any())
+        unknowns = self.unknowns(self._unplaced_state())
+        return not bool((self.free_parameters(unknowns) & ~self.registration_parameters(unknowns)).any())
 
     @property
     def rows_at_least(self) -> int:
         """With fewer rows than this, registration alone explains everything."""
-        return self.registering // int(self.rows.numbers.max(initial=1)) + 1
+        return self.n_registration // int(self.rows.numbers.max(initial=1)) + 1
 
     @property
-    def registering(self) -> int:
+    def n_registration(self) -> int:
         """Count of numbers that registration finds: 3 for each point, 1 for each datum, 9 or 12 for base and tool in
         an instrument.
         """
-        return max(int(np.count_nonzero(self.registration(self.unknowns(self._somewhere())))), 1)
+        return max(int(np.count_nonzero(self.registration_parameters(self.unknowns(self._unplaced_state())))), 1)
 
     def with_effects(self, effects: tuple[Any, ...]) -> Self:
         """The same task for a model with these effects."""
@@ -142,7 +142,7 @@ class Task:
             return replace(taught, sigma=np.where(unknown, flat.sigma, taught.sigma))
         return self._with_prior(taught, flat.sigma, seen)
 
-    def registration(self, unknowns: Unknowns) -> Bools:
+    def registration_parameters(self, unknowns: Unknowns) -> Bools:
         """Which parameters (P,) tie nominal to the measurement: points and datums always, base and tool to an
         instrument.
         """
@@ -151,10 +151,10 @@ class Task:
         placed = (unknowns.among(self.registered) | later) & instrument & ~self._unturned(unknowns)
         return np.asarray(placed | unknowns.among(frozenset({"points", "datums"})))
 
-    def identification(self, unknowns: Unknowns) -> Bools:
+    def free_parameters(self, unknowns: Unknowns) -> Bools:
         """Which parameters (P,) are identified, registration among them."""
-        free = self.registration(unknowns) | (unknowns.among(self.freed) & ~self._unturned(unknowns))
-        if self.prior is None or self.partial:
+        free = self.registration_parameters(unknowns) | (unknowns.among(self.free_groups) & ~self._unturned(unknowns))
+        if self.prior is None or self.is_partial_update:
             return np.asarray(free)
         known = unknowns.prior
         assert known is not None
@@ -164,11 +164,11 @@ class Task:
         """Start of nominal, from the model and `rows` alone."""
         return self.fixed_by(self.placed(rows), rows)
 
-    def changed(self, rows: RowBlocks) -> State:
+    def identification_start(self, rows: RowBlocks) -> State:
         """Start of the identification, from the model and `rows` alone: base or tool that are new to a prior model are
         fitted to the rows.
         """
-        return self.fixed_by(self.placed(rows, PLACED & self.freed), rows)
+        return self.fixed_by(self.placed(rows, PLACED & self.free_groups), rows)
 
     def fixed_by(self, models: Sequence[RobotModel], rows: RowBlocks) -> State:
         """`models`, one for each session, with points at their rough places, or else where `rows` put them, and the
@@ -186,7 +186,7 @@ class Task:
         touched = [block.visited for block in self.rows.blocks if block.of_planes]
         return frozenset(int(index) for indices in touched for index in np.unique(indices))
 
-    def _somewhere(self) -> State:
+    def _unplaced_state(self) -> State:
         """A state of the right shape."""
         models = [self.model] * len(self.sessions)
         own = [session.own for session in self.sessions[1:]]
@@ -210,12 +210,12 @@ class Task:
         covariance = np.zeros((len(unknowns.names),) * 2)
         covariance[: unknowns.robot, : unknowns.robot] = self.prior
         anew = np.arange(len(unknowns.names)) >= unknowns.robot
-        if self.partial:
+        if self.is_partial_update:
             sigma = self._found_anew(unknowns, flat)
-            anew |= unknowns.among(self.freed)
+            anew |= unknowns.among(self.free_groups)
         else:
             sigma, anew = np.where(unknown, flat, unknowns.sigma), anew | unknown
-        found = self.registration(unknowns) | (unknowns.among(self.freed) & ~self._unturned(unknowns))
+        found = self.registration_parameters(unknowns) | (unknowns.among(self.free_groups) & ~self._unturned(unknowns))
         covariance[anew], covariance[:, anew] = 0.0, 0.0
         covariance[anew, anew] = np.where(found, sigma**2, 0.0)[anew]  # the others are exactly as stated
         return replace(unknowns, sigma=sigma, prior=covariance)

@@ -76,14 +76,14 @@ class Touched:
     pair_sigma: Floats
 
     @classmethod
-    def of(cls, state: State, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
-        """From `rows`, and certified distances among `certain`."""
+    def of(cls, state: State, rows: RowBlocks, certified: Sequence[Rows]) -> Self:
+        """From `rows`, and certified distances among `certified`."""
         shared = _sharing_the_tool(state)
         blocks = [block for block in rows.blocks if isinstance(block, TouchRows) and shared[block.session]]
         seen = [(state.models[block.session], block) for block in blocks]
         number = np.concatenate([np.zeros(0, int), *(block.point for block in blocks)]).astype(int)
         points, point = np.unique(number, return_inverse=True)
-        pairs, mm, pair_sigma = _certified(certain, points)
+        pairs, mm, pair_sigma = _certified(certified, points)
         tool = tool_of(state)
         return cls(
             state=state,
@@ -225,9 +225,9 @@ def _sharing_the_tool(state: State) -> Bools:
     return np.array([np.array_equal(columns[tool], state.columns[0][tool]) for columns in state.columns])
 
 
-def _certified(certain: Sequence[Rows], points: Any) -> tuple[Any, Floats, Floats]:
+def _certified(certified: Sequence[Rows], points: Any) -> tuple[Any, Floats, Floats]:
     """Certified distances between two of `points`: their places among these (M, 2), mm and σ (M,)."""
-    blocks = [block for block in certain if isinstance(block, SpacingRows)]
+    blocks = [block for block in certified if isinstance(block, SpacingRows)]
     pairs = np.concatenate([np.zeros((0, 2), int), *(block.pairs for block in blocks)])
     both = np.isin(pairs, points).all(axis=1)
     mm = np.concatenate([np.zeros(0), *(block.mm for block in blocks)])
@@ -235,29 +235,29 @@ def _certified(certain: Sequence[Rows], points: Any) -> tuple[Any, Floats, Float
     return np.searchsorted(points, pairs[both]), mm[both], sigma[both]
 
 
-def tools(unknowns: Unknowns, rows: RowBlocks, certain: Sequence[Rows]) -> list[State]:
+def initial_states(unknowns: Unknowns, rows: RowBlocks, certified: Sequence[Rows]) -> list[State]:
     """Hypotheses for tool and points: the start of `unknowns` with each tool from a local optimum of its touches, the
     most probable first; unchanged where there are no touches.
     """
-    touched = Touched.of(unknowns.start, rows, certain)
+    touched = Touched.of(unknowns.start, rows, certified)
     if not len(touched.reach):
         return [unknowns.start]
-    blocks = [*rows.blocks, *certain]
+    blocks = [*rows.blocks, *certified]
     return sorted(touched.local_optima(), key=lambda state: improbability(unknowns, state, blocks))
 
 
-def undecided(found: Estimate, rows: RowBlocks, certain: Sequence[Rows], others: Sequence[State]) -> Estimate:
+def with_rival_tools(found: Estimate, rows: RowBlocks, certified: Sequence[Rows], others: Sequence[State]) -> Estimate:
     """`found`; reported as not converged, with σ enlarged to cover them, where the rows make one of the tools `others`
     almost as probable, or are too few to find any.
     """
-    blocks = [*rows.blocks, *certain]
+    blocks = [*rows.blocks, *certified]
     best, rivals = improbability(found.unknowns, found.state, blocks), []
     for other in others:
         moved = _move(found.state, other)
         odds = float(np.exp(0.5 * min(best - improbability(found.unknowns, other, blocks), 0.0)))
         if odds > IMPROBABLE and _is_another(found, moved):
             rivals.append((odds, moved))
-    touched = Touched.of(found.state, rows, certain)
+    touched = Touched.of(found.state, rows, certified)
     if not rivals and not touched.lacking:
         return found
     wider = found.covariance + _spread(rivals, found.covariance.shape)
@@ -273,13 +273,13 @@ def improbability(unknowns: Unknowns, state: State, blocks: Sequence[Rows]) -> f
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(unknowns.prior / np.outer(scale, scale))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    square, pull, rest = np.eye(len(root)), np.zeros(len(root)), 0.0
+    JtJ, Jtr, rtr = np.eye(len(root)), np.zeros(len(root)), 0.0
     for block in blocks:
         lines, away = linearised(block, state, np.arange(len(root)), scale)
         columns, residual = lines.reshape(-1, len(root)) @ root, away.reshape(-1)
-        square, pull = square + columns.T @ columns, pull + columns.T @ residual
-        rest += float(residual @ residual)
-    return rest - float(pull @ np.linalg.solve(square, pull)) + float(np.linalg.slogdet(square)[1])
+        JtJ, Jtr = JtJ + columns.T @ columns, Jtr + columns.T @ residual
+        rtr += float(residual @ residual)
+    return rtr - float(Jtr @ np.linalg.solve(JtJ, Jtr)) + float(np.linalg.slogdet(JtJ)[1])
 
 
 def _move(here: State, there: State) -> Floats:

@@ -16,7 +16,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from cellctl.calibration.distributions import chi2_ppf
 from cellctl.calibration.estimation.estimate import held_beforehand, linearised
-from cellctl.calibration.estimation.evidence import Factor, Normal, System
+from cellctl.calibration.estimation.evidence import Factor, NormalEquations, System
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
@@ -31,7 +31,7 @@ class Linear:
 
     away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): count per row.
     factors (N, k): index of each number's factor of noise, one factor for each kind of number in each block; −1 where
-    filled up. known (F, F), pull (F,): normal equations of everything besides these rows (tolerances, pinned
+    filled up. known (F, F), Jtr (F,): normal equations of everything besides these rows (tolerances, pinned
     combinations, rows that are never outliers); prior (F, F): without the rows that are never outliers.
     """
 
@@ -40,12 +40,12 @@ class Linear:
     numbers: Any
     factors: Any
     known: Floats
-    pull: Floats
+    Jtr: Floats
     prior: Floats
 
     @classmethod
-    def about(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certain: Sequence[Rows]) -> Self:
-        """`rows` linearised at `deviations` (P,) from the unknowns' start; `certain` rows are never outliers."""
+    def about(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certified: Sequence[Rows]) -> Self:
+        """`rows` linearised at `deviations` (P,) from the unknowns' start; `certified` rows are never outliers."""
         free = np.flatnonzero(unknowns.free)
         scale = unknowns.sigma[free]
         x = deviations[free] / scale
@@ -63,11 +63,11 @@ class Linear:
             away[place], columns[place] = of(block)
             factors[place] = own.start + np.array([block.quantities.index(each) for each in block.quantities])
         prior = held_beforehand(unknowns, free)
-        known, pull = prior, np.zeros(free.size)
-        for own_away, lines in map(of, certain):
+        known, Jtr = prior, np.zeros(free.size)
+        for own_away, lines in map(of, certified):
             known = known + np.einsum("nkp,nkq->pq", lines, lines)
-            pull = pull + np.einsum("nkp,nk->p", lines, own_away)
-        return cls(away, columns, rows.numbers, factors, known, pull, prior)
+            Jtr = Jtr + np.einsum("nkp,nk->p", lines, own_away)
+        return cls(away, columns, rows.numbers, factors, known, Jtr, prior)
 
     def noisier(self, noise: Floats) -> Self:
         """The same rows with their standard deviations times `noise`, one for each of `RowBlocks.quantities`."""
@@ -78,7 +78,7 @@ class Linear:
         """Most probable unknowns x (F,) by the kept rows, and their covariance (F, F)."""
         flat, away = _flat(self.columns[kept]), self.away[kept]
         covariance = np.asarray(np.linalg.inv(self.known + flat.T @ flat), float)
-        return np.asarray(-covariance @ (self.pull + flat.T @ away.reshape(-1))), covariance
+        return np.asarray(-covariance @ (self.Jtr + flat.T @ away.reshape(-1))), covariance
 
     def leave_one_out_chi2(self, kept: Bools) -> tuple[Floats, Floats]:
         """Squared distance (N,) of each row from where the *other* kept rows predict it, in predicted standard
@@ -172,7 +172,7 @@ class Folded:
     linear: Linear
     system: System
     mm: Floats
-    folds: tuple[tuple[Any, Mapping[Factor, Normal]], ...]
+    folds: tuple[tuple[Any, Mapping[Factor, NormalEquations]], ...]
     registering: Bools
 
     @classmethod
@@ -181,13 +181,13 @@ class Folded:
         unknowns: Unknowns,
         deviations: Floats,
         rows: RowBlocks,
-        certain: Sequence[Rows],
+        certified: Sequence[Rows],
         folds: Sequence[Any],
         registering: Bools,
     ) -> Self:
         """`rows` with their stated σ, linearised at `deviations` (P,) from the unknowns' start."""
-        linear = Linear.about(unknowns, deviations, rows, certain)
-        system = System.of(unknowns, deviations, rows, certain)
+        linear = Linear.about(unknowns, deviations, rows, certified)
+        system = System.of(unknowns, deviations, rows, certified)
         mm = np.zeros(linear.away.shape)
         for block, mine, _ in rows.parts():
             mm[mine, : len(block.quantities)] = block.sigma * block.of_length
@@ -221,7 +221,7 @@ class Folded:
         system: System,
         at: Any,
         test: Any,
-        own: Mapping[Factor, Normal],
+        own: Mapping[Factor, NormalEquations],
         logs: Mapping[Factor, float],
         most: int | None,
         again: bool,
@@ -230,9 +230,9 @@ class Folded:
         others = replace(system, numbers=left)
         if again:
             logs, _ = others.tuned(logs)
-        square, pull = others.posterior(logs)
-        root = _factored(square)
-        x = -cho_solve(root, pull, check_finite=False)
+        JtJ, Jtr = others.posterior(logs)
+        root = _factored(JtJ)
+        x = -cho_solve(root, Jtr, check_finite=False)
         shown = evenly(test, most)
         columns = self.linear.columns[shown][..., at]
         residual = self.linear.away[shown] + columns @ x
@@ -246,10 +246,10 @@ class Folded:
         return Predicted(residual, covariance, errors, shown, np.full(len(shown), placed))
 
     def _placed(
-        self, residual: Floats, columns: Floats, at: Any, test: Any, left: Mapping[Factor, Normal]
+        self, residual: Floats, columns: Floats, at: Any, test: Any, left: Mapping[Factor, NormalEquations]
     ) -> tuple[Floats, bool]:
         """Residuals after a fit of what only these rows determine (a point, a session); whether there is any."""
-        known = np.sum([np.diag(normal.square) for normal in left.values()], axis=0) if left else np.zeros(len(at))
+        known = np.sum([np.diag(normal.JtJ) for normal in left.values()], axis=0) if left else np.zeros(len(at))
         there = np.einsum("nkf,nkf->f", columns, columns)
         unknown = self.registering[at] & (known <= 1e-9 * there) & (there > 0.0)
         if not unknown.any():
@@ -269,11 +269,11 @@ def _factored(square: Floats) -> Any:
         return cho_factor(square + 1e-9 * np.diag(np.diag(square)), lower=True, check_finite=False)
 
 
-def _normals(linear: Linear, test: Any) -> dict[Factor, Normal]:
+def _normals(linear: Linear, test: Any) -> dict[Factor, NormalEquations]:
     """The normal equations of the rows `test`, by factor of noise."""
     factors, columns, away = linear.factors[test], linear.columns[test], linear.away[test]
-    found: dict[Factor, Normal] = {}
+    found: dict[Factor, NormalEquations] = {}
     for factor in np.unique(factors[factors >= 0]):
         mine = factors == factor
-        found["noise", int(factor)] = Normal.of(columns[mine], away[mine])
+        found["noise", int(factor)] = NormalEquations.of(columns[mine], away[mine])
     return found

@@ -16,7 +16,7 @@ import numpy as np
 
 from cellctl.calibration.effects import Effect, EffectInputs, ResidualModel, functions, in_order, kinds
 from cellctl.calibration.estimation.evidence import Factor
-from cellctl.calibration.estimation.identify import Weights, certain, identify_kept, nominal_start
+from cellctl.calibration.estimation.identify import Weights, certified_rows, identify_kept, nominal_start
 from cellctl.calibration.estimation.progress import Progress, silent
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
@@ -200,8 +200,10 @@ class _Ladder:
         found = identify_kept(task, rows)[1].found
         whole = task.with_effects((*task.model.effects, *candidates))
         unknowns = nominal_start(whole, rows)
-        registering = whole.registration(unknowns)
-        folded = Folded.of(unknowns, carried(found, unknowns), rows, certain(task), random_folds(rows.q), registering)
+        registering = whole.registration_parameters(unknowns)
+        folded = Folded.of(
+            unknowns, carried(found, unknowns), rows, certified_rows(task), random_folds(rows.q), registering
+        )
         groups = np.array(unknowns.groups)[unknowns.free]
         return cls(task, candidates, rows, folded, groups, registering[unknowns.free])
 
@@ -287,7 +289,7 @@ class _Ladder:
         if not isinstance(effect, ResidualModel) or not bands:
             return effect
         system = self.folded.system
-        squares = sum(np.diag(n.square) * np.exp(-2.0 * model.logs.get(f, 0.0)) for f, n in system.numbers.items())
+        squares = sum(np.diag(n.JtJ) * np.exp(-2.0 * model.logs.get(f, 0.0)) for f, n in system.numbers.items())
         shown = np.asarray(squares) / sum(normal.count for normal in system.numbers.values())
         place = {name: number for number, (name, _) in enumerate(system.loose)}
         large = {

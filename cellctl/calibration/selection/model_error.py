@@ -122,12 +122,12 @@ def with_kind(task: Task, kind: type[ResidualModel], rows: RowBlocks) -> Task | 
 
 
 def scales_with(
-    group: Group, found: Estimate, wider: Unknowns, rows: RowBlocks, certain: list[Rows], scales: dict[Factor, float]
+    group: Group, found: Estimate, wider: Unknowns, rows: RowBlocks, certified: list[Rows], scales: dict[Factor, float]
 ) -> dict[Factor, float] | None:
     """Noise and prior scales with the residual model `group` that `wider` adds to what was `found` with `scales`; None
     where the rows are hardly more probable with it.
     """
-    system = System.of(wider, carried(found, wider), rows, certain)
+    system = System.of(wider, carried(found, wider), rows, certified)
     logs = {factor: float(np.log(value)) for factor, value in scales.items()}
     gain, tuned = system.gain((group, 0), logs)
     if gain < SHOWN:

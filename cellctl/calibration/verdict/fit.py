@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.calibration.effects import functions, kinds
 from cellctl.calibration.estimation.estimate import Estimate, seen_at_start
-from cellctl.calibration.estimation.identify import Identification, certain, identify, rows_together
+from cellctl.calibration.estimation.identify import Identification, certified_rows, identify, inliers_among
 from cellctl.calibration.estimation.moved import Placing, placing
 from cellctl.calibration.estimation.progress import Progress, part_of, silent
 from cellctl.calibration.estimation.task import Task
@@ -155,10 +155,10 @@ class _Fitted:
         if task.candidates is None:
             return cls._with_reliability(task, identify(task, fit), ())
         rows = task.rows.pick(fit)
-        kept, apart = rows_together(replace(task, candidates=None), rows)
+        kept, n_inconsistent = inliers_among(replace(task, candidates=None), rows)
         outside = mostly_outside(rows.pick(kept).q, task.rows.pick(predicted).q)
         chosen = climb(task, rows.pick(kept), progress, outside=outside)
-        found = identify(chosen.task, fit, (kept, apart), chosen.weights)
+        found = identify(chosen.task, fit, (kept, n_inconsistent), chosen.weights)
         return cls._with_reliability(chosen.task, found, chosen.steps)
 
     @classmethod
@@ -191,7 +191,7 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         held_out,
         doubts(task, split, final_one),
         sigma_doubts(task, final_one),
-        beat_prior=not (task.registers_only or (not task.partial and place is not None and place.moved)),
+        beat_prior=not (task.registers_only or (not task.is_partial_update and place is not None and place.moved)),
     )
     own_parameters = informed(final_one.identified)
     region = whole.reliability.region if task.region is None or own_parameters else task.region
@@ -256,7 +256,7 @@ def _observability(task: Task, found: Identification, own: RowBlocks) -> Observa
     parameters = ~given.among(functions())  # coefficients of a random function are not counted one by one
     unknowns = replace(given.masked(parameters), sigma=found.nominal.unknowns.sigma)
     rows = [in_their_sockets(block, unknowns.start) for block in own.noisier(found.noise).blocks]
-    seen = seen_at_start(unknowns, [*rows, *certain(task)])
+    seen = seen_at_start(unknowns, [*rows, *certified_rows(task)])
     if unknowns.pinned is not None and len(unknowns.pinned):  # combinations below the noise are unobservable
         pins = np.linalg.qr(unknowns.pinned[:, unknowns.free].T)[0]
         seen = seen - (seen @ pins) @ pins.T

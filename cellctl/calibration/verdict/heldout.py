@@ -108,7 +108,7 @@ def _both_settled(task: Task, by: Identification, rows: RowBlocks, unseen: Bools
 
 def unseen_by(task: Task, unknowns: Unknowns, used: RowBlocks, rows: RowBlocks) -> Bools:
     """Which parameters (P,) tie `rows` to the robot and are not determined by the rows `used` in the fit."""
-    needed = _touched(unknowns, rows) & task.registration(unknowns)
+    needed = _touched(unknowns, rows) & task.registration_parameters(unknowns)
     return np.asarray(needed & ~_touched(unknowns, used))
 
 

@@ -81,7 +81,9 @@ def doubts(task: Task, split: Split, found: Identification) -> list[str]:
     if not split.judged:
         return ["no row was held out"]
     few = [words for fit, test in split.judged for words in _too_few(task, fit, test)]
-    scatter = _scatter(task, found) if task.partial else []  # any model is better than one with a removed tool
+    scatter = (
+        _scatter(task, found) if task.is_partial_update else []
+    )  # any model is better than one with a removed tool
     return [*dict.fromkeys(few), *_apart(found), *scatter, *_not_converged(found)]
 
 
@@ -95,8 +97,10 @@ def sigma_doubts(task: Task, found: Identification) -> list[str]:
 
 
 def _apart(found: Identification) -> list[str]:
-    words = f"the rows of the fit do not fit together: {found.apart} of {len(found.used)} contradict the others"
-    return [words] if found.apart else []
+    words = (
+        f"the rows of the fit do not fit together: {found.n_inconsistent} of {len(found.used)} contradict the others"
+    )
+    return [words] if found.n_inconsistent else []
 
 
 def _not_converged(found: Identification) -> list[str]:
@@ -106,7 +110,7 @@ def _not_converged(found: Identification) -> list[str]:
 def _scatter(task: Task, found: Identification) -> list[str]:
     """Rows that scatter far beyond their stated σ, and are too few to tell noise from contradiction."""
     numbers, noise = task.rows.pick(list(found.used)).size, float(found.noise.max())
-    if found.apart or noise < TOO_NOISY or numbers >= PER_SEEN * found.identified.seen_by_data:
+    if found.n_inconsistent or noise < TOO_NOISY or numbers >= PER_SEEN * found.identified.effective_parameters:
         return []
     return [f"the rows of the fit do not fit together: they scatter {noise:.0f} times more than they say"]
 
@@ -116,7 +120,7 @@ def _too_few(task: Task, fit: Any, test: Any) -> list[str]:
     and any model is better.
     """
     rows, held_out = task.rows.pick(fit), task.rows.pick(test)
-    needed = OVERDETERMINED * task.registering
+    needed = OVERDETERMINED * task.n_registration
     if rows.size < needed:
         each = -(-needed // int(rows.numbers.max(initial=1)))
         return [f"{len(rows)} rows in the fit are too few to judge it by others, {each} at least"]

@@ -10,7 +10,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.distributions import binomial_cdf, chi2_isf
-from cellctl.calibration.estimation.identify import Identification, Weights, certain
+from cellctl.calibration.estimation.identify import Identification, Weights, certified_rows
 from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion
 from cellctl.calibration.residuals.residual_model import PostureBasis
@@ -70,8 +70,8 @@ def _judged(task: Task, found: Identification, used: RowBlocks, most: float) -> 
     """Factor on the noise for 95 % regions; 1 σ on each axis outside, mm. most: nominal's RMS error on each axis."""
     rows = used.pick(judging(len(used)))
     unknowns, deviations = found.identified.unknowns, found.identified.deviations
-    registering = task.registration(unknowns)
-    folded = Folded.of(unknowns, deviations, rows, certain(task), random_folds(rows.q), registering)
+    registering = task.registration_parameters(unknowns)
+    folded = Folded.of(unknowns, deviations, rows, certified_rows(task), random_folds(rows.q), registering)
     logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
     everything = np.ones(int(unknowns.free.sum()), bool)
     inner = folded.predicted(everything, logs, again=len(rows) <= FEW)

@@ -13,9 +13,9 @@ from nicegui.elements.upload_files import FileUpload
 
 from cellctl.console import analysis_commands as commands
 from cellctl.console.analysis_commands import Upload
+from cellctl.console.appearance import Cell, State, command_button, figures, section, shown_time, state_word, words
 from cellctl.console.frame import Commands, TokenDialog, follow_event, frame, operator, show_problems
 from cellctl.console.guarding import LARGEST_BODY
-from cellctl.console.look import Cell, State, command_button, figures, section, shown_time, state_word, words
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem

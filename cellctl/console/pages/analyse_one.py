@@ -9,9 +9,7 @@ from typing import Any, final
 from nicegui import events, ui
 
 from cellctl.console import analysis_commands as commands
-from cellctl.console.frame import follow_event, frame, show_problems, with_operator
-from cellctl.console.jobs import Job
-from cellctl.console.look import (
+from cellctl.console.appearance import (
     Cell,
     command_button,
     facts,
@@ -23,6 +21,8 @@ from cellctl.console.look import (
     state_word,
     words,
 )
+from cellctl.console.frame import follow_event, frame, show_problems, with_operator
+from cellctl.console.jobs import Job
 from cellctl.console.pages.analyse import REPEATABILITY, STATES, names_fields, upload_button, upload_of
 from cellctl.console.shared import console
 from cellctl.engine import Operator

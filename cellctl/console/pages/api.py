@@ -12,8 +12,8 @@ from fastapi import Request
 from nicegui import ui
 
 from cellctl.console.api.answers import SUBJECTS, operations
+from cellctl.console.appearance import Cell, command_button, figures, link_button, section, words
 from cellctl.console.frame import frame
-from cellctl.console.look import Cell, command_button, figures, link_button, section, words
 
 _FORM, _JSON = "multipart/form-data", "application/json"
 

@@ -13,8 +13,8 @@ from nicegui import ui
 
 from cellctl.clock import calendar_time
 from cellctl.console import commands
+from cellctl.console.appearance import State, StateWord, command_button, link_button, problem_list, section, state_word
 from cellctl.console.frame import Commands, enable, follow, follow_event, frame, set_text
-from cellctl.console.look import State, StateWord, command_button, link_button, problem_list, section, state_word
 from cellctl.console.shared import console
 from cellctl.devices.cell import Cell
 from cellctl.engine import Operator

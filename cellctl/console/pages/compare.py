@@ -8,10 +8,19 @@ from urllib.parse import urlencode
 
 from nicegui import ui
 
+from cellctl.console.appearance import (
+    COLOURS,
+    command_button,
+    figures,
+    numbers,
+    problem_list,
+    section,
+    state_word,
+    words,
+)
 from cellctl.console.charts import drift_chart
 from cellctl.console.commands import known_rows
 from cellctl.console.frame import frame
-from cellctl.console.look import COLOURS, command_button, figures, numbers, problem_list, section, state_word, words
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.journal import JournalError

@@ -9,8 +9,8 @@ from nicegui import Client, app, ui
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from cellctl.console.appearance import link_button
 from cellctl.console.frame import frame
-from cellctl.console.look import link_button
 from cellctl.console.shared import console
 
 

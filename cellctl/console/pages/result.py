@@ -9,9 +9,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from cellctl.console.commands import recompute
-from cellctl.console.frame import JobView, frame, with_operator
-from cellctl.console.look import (
+from cellctl.console.appearance import (
     Cell,
     command_button,
     facts,
@@ -26,6 +24,8 @@ from cellctl.console.look import (
     state_word,
     words,
 )
+from cellctl.console.commands import recompute
+from cellctl.console.frame import JobView, frame, with_operator
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError

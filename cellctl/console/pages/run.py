@@ -11,9 +11,9 @@ from fastapi import Request
 from fastapi.responses import RedirectResponse
 from nicegui import ui
 
+from cellctl.console.appearance import facts, link_button, problem_list, progress_of, section, sentence_of, state_word
 from cellctl.console.frame import follow, frame, set_text
 from cellctl.console.live import Snapshot
-from cellctl.console.look import facts, link_button, problem_list, progress_of, section, sentence_of, state_word
 from cellctl.console.pages.run_parts import RunControls, RunLog, RunTree
 from cellctl.console.scene import SceneContent, Series, scene_of, series_of
 from cellctl.console.scene.charts import ChartsView, charts_view

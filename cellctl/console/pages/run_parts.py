@@ -11,9 +11,9 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cellctl.console import commands
+from cellctl.console.appearance import COLOURS, ICONS, State, command_button, is_pausing, link_button
 from cellctl.console.frame import Commands, answer_of, enable, set_text
 from cellctl.console.live import LogLine, Snapshot, whole_log
-from cellctl.console.look import COLOURS, ICONS, State, command_button, is_pausing, link_button
 from cellctl.engine import ActionName, Operator
 from cellctl.engine.step_tree import Node, NodeKind, NodeState
 from cellctl.journal import JournalError

@@ -9,9 +9,9 @@ from urllib.parse import quote, urlencode
 
 from nicegui import ui
 
+from cellctl.console.appearance import COLOURS, ICONS, State, look_of_state, look_of_verdict, shown_time
 from cellctl.console.commands import live_rows
 from cellctl.console.frame import follow, frame
-from cellctl.console.look import COLOURS, ICONS, State, look_of_state, look_of_verdict, shown_time
 from cellctl.console.shared import console
 from cellctl.operations.run_list import RunFilter, RunRow, procedure_name, robot_serial
 from cellctl.report.figures import fixed

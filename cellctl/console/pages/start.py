@@ -10,8 +10,8 @@ from typing import final
 from nicegui import ui
 
 from cellctl.console import commands
+from cellctl.console.appearance import command_button, facts, problem_list, section, state_word
 from cellctl.console.frame import Commands, answer_of, enable, frame
-from cellctl.console.look import command_button, facts, problem_list, section, state_word
 from cellctl.console.shared import console
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Operator

@@ -10,10 +10,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from cellctl.console.commands import examinations, live_rows, request_for, start_action, start_look, why_busy
-from cellctl.console.frame import JobView, follow, follow_event, frame, with_operator
-from cellctl.console.jobs import Job
-from cellctl.console.look import (
+from cellctl.console.appearance import (
     Cell,
     command_button,
     figures,
@@ -24,6 +21,9 @@ from cellctl.console.look import (
     state_word,
     words,
 )
+from cellctl.console.commands import examinations, live_rows, request_for, start_action, start_look, why_busy
+from cellctl.console.frame import JobView, follow, follow_event, frame, with_operator
+from cellctl.console.jobs import Job
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem

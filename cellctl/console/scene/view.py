@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from nicegui import ui
 
-from cellctl.console.look import command_button
+from cellctl.console.appearance import command_button
 from cellctl.console.scene._content import Body, Kind, Posture, SceneContent
 from cellctl.console.scene._drawing import BodyDrawing, RobotDrawing
 from cellctl.console.scene._marks import Legend, PointMarks

@@ -28,7 +28,7 @@ from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded,
 from procedures.steps.tracker.plans import DEFAULT_METHOD, PosePlan
 from procedures.steps.tracker.pose_planning import pose_limits
 from procedures.steps.tracker.rows import MODEL_FILE
-from procedures.steps.tracker.target_table import Compensable, Manner
+from procedures.steps.tracker.target_table import Compensable, CompensationSettings
 
 CYCLE = (0, 4, 3, 2, 1)
 """Order of the points in a cycle: P1, P5, P4, P3, P2, as in the standard."""
@@ -296,7 +296,7 @@ def compensated(context: StepContext, wanted: Cycles) -> tuple[TableFile, list[C
     """The table of the five points, and the cycles by it. Raises InputError if a point cannot be compensated."""
     model, cube = ModelFile.load(context.artefact(MODEL_FILE)), cube_of(context)
     limit = table_correction_deg(context.cell)
-    made = Compensable.of(model, cube.readings, Manner(DEFAULT_METHOD, None, limit))
+    made = Compensable.of(model, cube.readings, CompensationSettings(DEFAULT_METHOD, None, limit))
     if not made.good.all():
         named = (f"P{place}: {reason}" for place, reason in enumerate(made.reasons, 1) if reason)
         cure = "choose a smaller edge, or another centre"

@@ -28,7 +28,7 @@ _TOLERANCE_MM = 1e-4
 """Left by the compensated joints, far below a touch's scatter: as in older runs, which replay to the same bytes."""
 
 
-class Wanted(Protocol):
+class StandoffInputs(Protocol):
     """The procedure's settings."""
 
     @property
@@ -73,26 +73,26 @@ class _Sphere:
     reach: float
 
 
-def standoffs_and_table(context: StepContext, wanted: Wanted) -> Prepared:
+def standoffs_and_table(context: StepContext, inputs: StandoffInputs) -> Prepared:
     """Locate the sphere by either model, plan targets off it, compensate them, make the table.
 
     Before: nominal joints to targets about the centre by the nominal model. After: compensated joints to the
     same targets about the identified centre. Raises InputError if targets cannot be reached.
     """
     model = ModelFile.load(context.artefact("model.json"))
-    sphere = _located(context, model, wanted.sphere)
+    sphere = _located(context, model, inputs.sphere)
     x, y, z = sphere.nominal.centre.tolist()
-    half = wanted.reference_every // 2  # each target is two stand-offs
-    again = _reference(wanted.reference)
-    lines = standoff_lines(context, wanted.sphere, (x, y, z), wanted.targets, wanted.distance_mm, half, again)
+    half = inputs.reference_every // 2  # each target is two stand-offs
+    again = _reference(inputs.reference)
+    lines = standoff_lines(context, inputs.sphere, (x, y, z), inputs.targets, inputs.distance_mm, half, again)
     targets = [line for line in lines if not line.reference]
     found, inside = _compensated(context, model, sphere, targets)
     table = _table(context, model, sphere, targets, found)
     first = 1 + last_number(context, TouchRow, ReferenceRow, LocateRow)
     drifted = _drifted(context, first + 2.0 * np.arange(len(targets)))
-    pairs = _pairs(model, sphere, wanted.distance_mm, targets, found, inside, drifted)
-    rounds = _rounds(lines, pairs, wanted.reference, first)
-    return Prepared(rounds, table.text(), _row(wanted.sphere, sphere, table), _sentence(wanted.sphere, sphere, table))
+    pairs = _pairs(model, sphere, inputs.distance_mm, targets, found, inside, drifted)
+    rounds = _rounds(lines, pairs, inputs.reference, first)
+    return Prepared(rounds, table.text(), _row(inputs.sphere, sphere, table), _sentence(inputs.sphere, sphere, table))
 
 
 def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:

@@ -15,7 +15,13 @@ from cellctl.formats import ModelFile, RobotFile
 from cellctl.formats.load import load_of
 from cellctl.formats.online import CorrectionFile
 from cellctl.journal import run_place
-from cellctl.operations.compensating import CellRobot, LearntOn, refuse_model, refuse_other_cell, stated_on
+from cellctl.operations.compensating import (
+    CellRobot,
+    ModelController,
+    refuse_model,
+    refuse_other_cell,
+    stated_controller,
+)
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.tracker.rows import MODEL_FILE, ReadModelRow
 
@@ -36,7 +42,7 @@ def read_model_of(context: StepContext, run: str, file: str = "", of_reflector: 
     """
     path, model = _model_of(context, run, file, of_reflector)
     own = context.identity("robot")
-    found = stated_on(path, model) or LearntOn(own.serial, own.simulated, None)
+    found = stated_controller(path, model) or ModelController(own.serial, own.simulated, None)
     if found.serial != own.serial:
         what = f"was identified on controller '{found.serial}', and this one is '{own.serial}'"
         raise InputError(Problem(str(path), 0, 0, what, "name a run on this robot"))

@@ -35,7 +35,7 @@ from procedures.steps.tracker.circles import return_pose, rounded, turn_posture
 from procedures.steps.tracker.plans import PosePlan, Round
 from procedures.steps.tracker.rows import LeftOut, TargetPlanRow
 from procedures.steps.tracker.station import rough_station
-from procedures.steps.tracker.target_table import Compensable, MannerWanted, manner_of
+from procedures.steps.tracker.target_table import Compensable, CompensationInputs, compensation_settings
 
 _CURE = "plan the targets for this cell's station and reflector, or move the station"
 
@@ -93,7 +93,7 @@ _WIDEST_DEG = 180.0
 """No joint is turned farther from 0 than this: more turns show nothing new, and twist the cables."""
 
 
-class PosesWanted(Protocol):
+class PosePlanInputs(Protocol):
     """The procedure's settings."""
 
     @property
@@ -121,13 +121,13 @@ class PosesWanted(Protocol):
         """File of the poses, from the cell file's folder; empty: they are planned."""
 
 
-def planned_rounds(context: CellContext, wanted: PosesWanted, station: Floats | None) -> list[Round]:
+def planned_rounds(context: CellContext, inputs: PosePlanInputs, station: Floats | None) -> list[Round]:
     """The poses in rounds of `monuments_every`; station (4, 4): the instrument in the base frame, None: the cell
     file's. Raises InputError if too few poses can be measured.
     """
     robot = RobotFile.load(context.robot_file)
     home = np.array(postures_of(context.cell, robot, "turn").home)
-    return rounds_of(context, _poses(context, robot, wanted, station, home), home, wanted.monuments_every)
+    return rounds_of(context, _poses(context, robot, inputs, station, home), home, inputs.monuments_every)
 
 
 def rounds_of(context: CellContext, poses: MeasuringPoses, home: Floats, monuments_every: int) -> list[Round]:
@@ -173,16 +173,16 @@ def pose_seed(context: CellContext) -> int:
 
 
 def _poses(
-    context: CellContext, robot: RobotFile, wanted: PosesWanted, station: Floats | None, home: Floats
+    context: CellContext, robot: RobotFile, inputs: PosePlanInputs, station: Floats | None, home: Floats
 ) -> MeasuringPoses:
-    reach, sight, options = pose_limits(context, wanted.reflectors, station)
-    counts = Counts(wanted.fit, wanted.held_out, wanted.held_out // 2, wanted.from_both)
+    reach, sight, options = pose_limits(context, inputs.reflectors, station)
+    counts = Counts(inputs.fit, inputs.held_out, inputs.held_out // 2, inputs.from_both)
     seed = pose_seed(context)
     chain, joints = robot.chain(), robot.joint_map()
-    if wanted.pose_file:
-        file = Path(context.cell.file).parent / wanted.pose_file
+    if inputs.pose_file:
+        file = Path(context.cell.file).parent / inputs.pose_file
         arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
-        postures = GivenPoses.read(file, robot, arm, reach).first(wanted.fit, wanted.held_out)
+        postures = GivenPoses.read(file, robot, arm, reach).first(inputs.fit, inputs.held_out)
         return plan_given_poses(chain, joints, sight, counts, home, seed, postures, options)
     try:
         return plan_measuring_poses(chain, joints, reach, sight, counts, home, seed, options)
@@ -230,7 +230,7 @@ _INSIDE_DEG = 1.0
 """Planned targets keep this distance from the end of the measured region: their compensated joints are inside, too."""
 
 
-class TargetsWanted(MannerWanted, Protocol):
+class TargetPlanInputs(CompensationInputs, Protocol):
     """The procedure's settings."""
 
     @property
@@ -288,7 +288,7 @@ class _Candidates:
         return self.readings[usable], tuple(left_out)
 
 
-def planned_targets(context: CellContext, wanted: TargetsWanted, model: ModelFile | None) -> TargetPlan:
+def planned_targets(context: CellContext, inputs: TargetPlanInputs, model: ModelFile | None) -> TargetPlan:
     """The poses of the fit and the targets, half of the targets between these poses, half after them.
 
     model: the one that was read; targets that it cannot compensate are left out, and its poses are inside its measured
@@ -299,16 +299,16 @@ def planned_targets(context: CellContext, wanted: TargetsWanted, model: ModelFil
     reach, sight, options = pose_limits(context, 1)
     chain, joints = robot.chain(), robot.joint_map()
     arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
-    planner = _Planner(context, wanted, robot, arm, reach, model)
+    planner = _Planner(context, inputs, robot, arm, reach, model)
     fit, candidates = planner.poses()
-    targets, left_out = candidates.first(wanted.targets)
+    targets, left_out = candidates.first(inputs.targets)
     if len(targets) < LEAST_TARGETS:
         raise InputError(_too_few(context, len(targets), left_out))
-    from_both = 0.0 if model else wanted.from_both
+    from_both = 0.0 if model else inputs.from_both
     counts = Counts(len(fit), len(targets), len(targets) // 2, from_both)
     postures = np.concatenate([fit, targets])
     visits = plan_given_poses(chain, joints, sight, counts, home, pose_seed(context), postures, options)
-    rounds = rounds_of(context, visits, home, wanted.monuments_every)
+    rounds = rounds_of(context, visits, home, inputs.monuments_every)
     return TargetPlan(rounds, TargetPlanRow(targets=len(targets), left_out=left_out))
 
 
@@ -316,7 +316,7 @@ def planned_targets(context: CellContext, wanted: TargetsWanted, model: ModelFil
 @dataclass(frozen=True, eq=False)
 class _Planner:
     context: CellContext
-    wanted: TargetsWanted
+    inputs: TargetPlanInputs
     robot: RobotFile
     arm: MeasuringArm
     reach: Reach
@@ -324,12 +324,12 @@ class _Planner:
 
     def poses(self) -> tuple[Floats, _Candidates]:
         """Postures of the fit (F, n), deg, and the candidates for targets."""
-        count = self.wanted.registration if self.model else self.wanted.fit
-        if not self.wanted.target_file:
-            drawn = self._drawn(count + self.wanted.targets)
-            names = [f"planned target {number}" for number in range(1, self.wanted.targets + 1)]
+        count = self.inputs.registration if self.model else self.inputs.fit
+        if not self.inputs.target_file:
+            drawn = self._drawn(count + self.inputs.targets)
+            names = [f"planned target {number}" for number in range(1, self.inputs.targets + 1)]
             return drawn[:count], self._candidates(drawn[count:], names, [""] * len(names))
-        file = Path(self.context.cell.file).parent / self.wanted.target_file
+        file = Path(self.context.cell.file).parent / self.inputs.target_file
         given = GivenPoses.read(file, self.robot, self.arm, self.reach)
         fit = [at for at, of in enumerate(given.sets) if of == "fit" and at not in given.reasons]
         mine = [at for at, of in enumerate(given.sets) if of != "fit"]
@@ -343,8 +343,8 @@ class _Planner:
     def _candidates(self, readings: Floats, names: Sequence[str], reasons: Sequence[str]) -> _Candidates:
         if self.model is None or not len(readings):
             return _Candidates(readings, names, reasons)
-        manner = manner_of(self.context, self.wanted)
-        found = Compensable.of(self.model, readings, manner).reasons
+        settings = compensation_settings(self.context, self.inputs)
+        found = Compensable.of(self.model, readings, settings).reasons
         return _Candidates(readings, names, [ours or theirs for ours, theirs in zip(reasons, found, strict=True)])
 
     def _drawn(self, count: int) -> Floats:

@@ -23,7 +23,7 @@ from procedures.steps.tracker.station import Sessions
 
 @final
 @dataclass(frozen=True, slots=True)
-class Manner:
+class CompensationSettings:
     """How targets are compensated: method, the most passes (None: until it converges), the cell's limit, deg."""
 
     method: str
@@ -37,7 +37,7 @@ class Manner:
         return f"{self.method}{made}"
 
 
-class MannerWanted(Protocol):
+class CompensationInputs(Protocol):
     """The part of a step's settings that says how targets are compensated."""
 
     @property
@@ -57,12 +57,12 @@ _OF_ONLINE_LIMIT = 0.9
 """Share of the on-line limit that a target may need: a correction keeps room for braking before it."""
 
 
-def manner_of(context: CellContext, wanted: MannerWanted) -> Manner:
+def compensation_settings(context: CellContext, inputs: CompensationInputs) -> CompensationSettings:
     """How a step compensates in this cell."""
     limit = table_correction_deg(context.cell)
-    if wanted.online:
+    if inputs.online:
         limit = min(limit, _OF_ONLINE_LIMIT * online_correction_deg(context.cell))
-    return Manner(wanted.method, wanted.passes or None, limit)
+    return CompensationSettings(inputs.method, inputs.passes or None, limit)
 
 
 @final
@@ -79,12 +79,12 @@ class Compensable:
     reasons: tuple[str, ...]
 
     @classmethod
-    def of(cls, model: ModelFile, readings: Floats, manner: Manner) -> Self:
+    def of(cls, model: ModelFile, readings: Floats, settings: CompensationSettings) -> Self:
         """Of the targets where the registered nominal robot would be at `readings` (N, n), deg."""
         targets = nominal_chain(model).forward(model.robot.joint_map().model(readings))
-        found = compensated_targets(model, targets, readings, method=manner.method, passes=manner.passes)
+        found = compensated_targets(model, targets, readings, method=settings.method, passes=settings.passes)
         rows = target_rows(model, targets, found)
-        refused = row_problems(rows, valid_region(model), model.robot, manner.limit_deg)
+        refused = row_problems(rows, valid_region(model), model.robot, settings.limit_deg)
         pairs = zip(found.reasons, refused, strict=True)
         reasons = tuple(reason or next(iter(of_row), "") for reason, of_row in pairs)
         return cls(targets, readings, found, reasons)
@@ -106,7 +106,7 @@ class Prepared:
     sentence: str
 
 
-class Wanted(MannerWanted, Protocol):
+class CompensatedRoundsInputs(CompensationInputs, Protocol):
     """The procedure's settings."""
 
     @property
@@ -114,22 +114,22 @@ class Wanted(MannerWanted, Protocol):
         """Targets between two visits to the monuments."""
 
 
-def compensated_rounds(context: StepContext, wanted: Wanted) -> Prepared:
+def compensated_rounds(context: StepContext, inputs: CompensatedRoundsInputs) -> Prepared:
     """The table of the held-out poses, and their plans. Targets: where the registered nominal robot would be, in the
     instrument's frame of the first session. Raises InputError if no target can be compensated.
     """
-    model, manner = ModelFile.load(context.artefact("model.json")), manner_of(context, wanted)
+    model, settings = ModelFile.load(context.artefact("model.json")), compensation_settings(context, inputs)
     sessions, rows = Sessions.of(context), [row for row in context.recorded(PoseRow) if row.set == "test"]
     known = [row for row in rows if sessions.session(row.visit)]
     if not known:
         what = f"no held-out pose can be compensated: {_AMBIGUOUS}"
         raise InputError(context.cell.problem(("station",), what, "stand the instrument firmly, then begin anew"))
-    tried = Compensable.of(model, np.array([row.commanded for row in known]), manner)
+    tried = Compensable.of(model, np.array([row.commanded for row in known]), settings)
     if not tried.good.any():
         what = f"no held-out pose can be compensated; the first one: {tried.reasons[0]}"
         raise InputError(context.cell.problem(("limits",), what, "limits: {table: {correction_deg: …}}"))
     used = [row for row, is_good in zip(known, tried.good, strict=True) if is_good]
-    table = _table(context, model, Compensable.of(model, tried.readings[tried.good], manner), manner)
+    table = _table(context, model, Compensable.of(model, tried.readings[tried.good], settings), settings)
     reasons = {row.number: reason for row, reason in zip(known, tried.reasons, strict=True)}
     left_out = sorted({row.number for row in rows} - {row.number for row in used})
     row = TargetsRow(
@@ -139,22 +139,22 @@ def compensated_rounds(context: StepContext, wanted: Wanted) -> Prepared:
         max_correction_deg=table.max_correction_deg,
         left_out=tuple(left_out),
         reasons=tuple(reasons.get(number, _AMBIGUOUS) for number in left_out),
-        method=manner.method,
-        passes=manner.passes,
+        method=settings.method,
+        passes=settings.passes,
     )
-    return Prepared(_rounds(context, table, used, wanted), table.text(), row, _sentence(row))
+    return Prepared(_rounds(context, table, used, inputs), table.text(), row, _sentence(row))
 
 
 _AMBIGUOUS = "the station moved between the visits to the monuments before and after it"
 
 
-def _table(context: StepContext, model: ModelFile, targets: Compensable, manner: Manner) -> TableFile:
+def _table(context: StepContext, model: ModelFile, targets: Compensable, settings: CompensationSettings) -> TableFile:
     identity = context.identity("robot")
     return table_of(
         model,
         targets.targets,
         targets.found,
-        method=manner.name,
+        method=settings.name,
         serial=identity.serial,
         simulated=identity.simulated,
         run=context.run_name,
@@ -175,8 +175,10 @@ _NAMED = 3
 """So many of the targets that are left out stand in the line for the operator."""
 
 
-def _rounds(context: StepContext, table: TableFile, rows: list[PoseRow], wanted: Wanted) -> list[Round]:
-    plans, monuments_every = _plans(context, table, rows, wanted.online), wanted.monuments_every
+def _rounds(
+    context: StepContext, table: TableFile, rows: list[PoseRow], inputs: CompensatedRoundsInputs
+) -> list[Round]:
+    plans, monuments_every = _plans(context, table, rows, inputs.online), inputs.monuments_every
     first = 1 + max(each.number for each in (*context.recorded(PoseRow), *context.recorded(ReturnRow)))
     return [
         _round(context, plans[start : start + monuments_every], first + number)
