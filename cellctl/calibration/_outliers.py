@@ -1,15 +1,31 @@
 """Which rows are outliers: inliers are separated from noisy rows, and outliers searched at a known noise.
 
-A row is an outlier if the *others* make its place improbable. Many sets of rows satisfy that: a single clean row among
-outliers seems to be one, and outliers can agree with each other. The right set is the one whose kept rows have the
-least χ², where each row left out counts as the χ² at which it just becomes an outlier. Where every row changes the
-model much (few rows, many unknowns), leaving out the worst row repeatedly does not find that set: many sets are
-followed in parallel.
+**Leave-one-out χ².** Rows are linear about a fit: r_i + J_i x (k numbers, in σ), A = JᵀJ + C⁻¹ of the kept rows. The
+prediction of row i from the *others* misses it by (I − H_ii)⁻¹ r_i with covariance (I − H_ii)⁻¹, H_ii = J_i A⁻¹ J_iᵀ
+its leverage, so
 
-Ordinary residuals hide an outlier: a model with as many parameters as a robot's follows it, its neighbours get larger
-residuals than it has, and these raise the noise estimate. So each row is judged by the prediction from the *others*,
-and explanations are compared: a few outliers among rows with the stated noise, or more noise in all rows or in all of
-one kind.
+    t_i = r_iᵀ (I − H_ii)⁻¹ r_i ~ χ²(k)    (a row left out: r_iᵀ (I + J_i A⁻¹ J_iᵀ)⁻¹ r_i)
+
+without a new fit (Cook and Weisberg 1982, Residuals and Influence in Regression; for k = 1 the square of Baarda's w of
+data snooping, 1968). Ordinary residuals hide an outlier: a model with as many parameters as a robot's follows it, its
+neighbours get larger residuals than it has, and these raise the noise estimate.
+
+**Which set.** A row is an outlier if t_i exceeds the limit of its p-value. Many sets of rows satisfy that: a single
+clean row among outliers seems to be one, and outliers can agree with each other. The right set S has the least
+penalised cost
+
+    cost(S) = χ²(S at its own mode) + Σ_{i ∉ S} χ²_{k_i}(p),
+
+each row left out counting as the χ² at which it just becomes an outlier. Leaving i out lowers χ² by exactly t_i, so
+the best next row is known without trying. Where every row changes the model much (few rows, many unknowns), leaving
+out the worst row repeatedly does not find S: `ABREAST` sets are followed in parallel (beam search).
+
+**Outliers or noise.** Explanations are compared by the probability of all rows: a few outliers among rows with the
+stated noise, or more noise in all rows or in all of one kind. With factors φ of noise,
+
+    ln p = −Σ n ln φ − ½ ln|A(φ)| − ½ χ²(S) − Σ_{i ∉ S} (ln 1/`OUTLIER_SHARE` + k_i ln `WIDTH`):
+
+an outlier may be anywhere within `WIDTH` standard deviations, and occurs with probability `OUTLIER_SHARE`.
 """
 
 from __future__ import annotations

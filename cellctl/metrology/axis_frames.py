@@ -1,8 +1,14 @@
 """Base and tool frame of a robot from circles, by turning A1, A2, A5 and A6 alone (KRG section 2.3), with covariance.
 
-Two residuals for each point: its height h = z·(x − c) over the circle's plane, and its distance from the axis less the
-radius, ρ − r. Their covariance follows from the points'; generalised least squares by Gauss–Newton from a closed form
-(plane by SVD, circle by Kåsa's linear equations).
+**Circle.** Centre c, unit direction z of the axis, radius r. Two residuals for each point x: its height over the
+plane, h = z·(x − c), and its radial distance ρ − r, ρ = ‖(x − c) − h z‖. A point's covariance C turns into that of its
+residuals along z and along the radial unit vector e: [zᵀCz zᵀCe; eᵀCz eᵀCe]; what points have in common couples them
+all. Generalised least squares by Gauss–Newton, in 6 unknowns: c has three, z two (tilts about axes across it), r one.
+It starts from a closed form: plane by SVD, and in it Kåsa's linear equations 2 c·x + (r² − c·c) = x·x (1976), which
+favour small radii on short arcs: only a start.
+
+A short arc knows centre and radius only together: their covariance, not their σ, goes on. `gain` is the derivative of
+the result by the points, so that frames made of several circles of the same points propagate what they share.
 
 {B}: z on A1's axis, x along the common perpendicular of A1 and A2, origin on A1. {T}: x on A6's axis, z perpendicular
 to A5 and A6, origin at the reflector. Both are geometric statements about the true robot; set against the nominal

@@ -1,9 +1,31 @@
 """The estimator: the most probable parameters given rows and tolerances, by Levenberg–Marquardt in tolerance units.
 
-Every unknown is divided by its prior σ and every row by its own: cost, steps and singular values then have no unit. The
-rows are folded into a triangle block by block (QR), so that memory does not grow with their number and precision is not
-squared away as in normal equations. A prior covariance replaces the rows of the tolerances by its root;
-its part for held parameters is carried over into the posterior covariance.
+Unknowns are deviations ξ (P,) from the expected robot, with prior N(0, Σ₀); rows are y_i = f_i(ξ) + ε_i with
+independent ε_i ~ N(0, σ_i²). The posterior mode minimises the weighted sum of squares
+
+    χ²(x) = ‖r(x)‖² + ‖W x‖²,    r_i = (f_i − y_i)/σ_i,    x = ξ/σ₀,
+
+σ₀ the prior standard deviations, WᵀW the inverse of the prior covariance of x (the identity for independent
+tolerances). In these units cost, steps and singular values are pure numbers: mm and rad need no weights, and a
+singular value of 1 says that the rows know a direction as well as the tolerances do. A flat prior is a large σ₀.
+
+**Step.** With J = ∂r/∂x, r(x + s) ≈ r + J s, and the step solves the stacked least squares problem
+
+    min ‖J s + r‖² + ‖W (x + s)‖² + μ ‖s‖²
+
+by QR, not by the normal equations: the condition number of JᵀJ is that of J squared, and nearly unobservable
+directions (the reason for the prior) would be lost to rounding (Björck 1996, Numerical Methods for Least Squares
+Problems). QR is done block by block, [R; J_k] → R, so that memory does not grow with the rows. μ begins at 0
+(Gauss–Newton), grows tenfold when χ² does not fall, and shrinks tenfold when it does (Nocedal and Wright 2006,
+Numerical Optimization, section 10.3). The damping is a multiple of the identity: the unknowns are scaled already. The
+search ends when an undamped step promises a fall of χ² below `SETTLED`.
+
+**Covariance.** With R the triangle of J alone, Σ = (RᵀR + WᵀW)⁻¹, scaled back by σ₀. Two kinds of unknowns are not
+free and add to it. *Pinned* combinations, unobservable ones of base and tool, are held by rows of weight `PINNED` and
+put back into Σ with their own uncertainty. *Considered* ones, held parameters of a prior model, act through the free
+ones' answer −Σ RᵀR_h (consider covariance; Tapley, Schutz and Born 2004, Statistical Orbit Determination, chapter 6).
+The effective number of parameters, tr((RᵀR + WᵀW)⁻¹ RᵀR), is MacKay's γ: what the rows determined and the prior did
+not.
 """
 
 from __future__ import annotations
@@ -24,7 +46,8 @@ BLOCK = 2048
 
 ITERATIONS = 60
 PINNED = 1e4
-"""Pinned combinations are held to a ten-thousandth of their tolerance."""
+"""Pinned combinations are held to a ten-thousandth of their tolerance: stiff enough not to move, and its
+square leaves the rows beside it eight digits in normal equations (`held_beforehand`)."""
 
 SETTLED = 1e-9
 """A step that would lower the cost (a χ²) by less than this, absolutely or relative to it, is the last."""
@@ -110,11 +133,13 @@ class _Problem:
 
     def step(self, triangle: Floats, right: Floats, x: Floats, damping: float) -> tuple[Floats, float]:
         """Damped step (F,) and the fall in cost that an undamped one promises."""
+        # QR of [R r; W Wx] gives [R' c]: the undamped step is −R'⁻¹c, and χ² of the linear problem falls by ‖c‖²
         stacked = np.vstack([triangle, self.holding])
         residual = np.concatenate([right, self.holding @ x])
         both = _triangle(np.column_stack([stacked, residual]), x.size)
         root, along = both[:, :-1], both[:, -1]
         if damping:
+            # √μ times the largest column norm: μ is relative to the best known direction
             damped = np.sqrt(damping) * np.linalg.norm(root, axis=0).max() * np.eye(x.size)
             again = np.vstack([both, np.column_stack([damped, np.zeros(x.size)])])
             folded = _triangle(again, x.size)
@@ -234,6 +259,7 @@ def _of_the_pinned(pinned: Floats, triangle: Floats, own: Floats) -> Floats:
     """
     along, lengths = np.linalg.qr(pinned.T)
     along = along / np.maximum(np.abs(np.diag(lengths)), 1.0)
+    # a free unknown answers an error δ along the pinned direction by −Σ RᵀR δ; δ itself is added
     owed = along - own @ (triangle.T @ (triangle @ along))
     return np.asarray(owed @ owed.T)
 

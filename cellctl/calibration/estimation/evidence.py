@@ -1,11 +1,28 @@
-"""Whether rows are noisier than stated, or the robot is further from nominal (or from a prior model) than its
-tolerances (or that model's covariance) allow.
+"""Whether rows are noisier than stated, or the robot further from nominal than its tolerances or prior model allow.
 
 Both make the residuals large, and an estimate of only one of them is wrong twice: tolerances that are too tight push a
-robot's true errors into the residuals; these are then taken for noise, which gives the tolerances more weight. Both are
-weighed by the evidence of the linearised rows: the probability of what was measured, whatever the parameters are. A
-factor greater than 1 on the noise of a kind of number, or on the tolerances of a group, is taken only if it makes the
-rows much more probable (MacKay 1992, Bayesian interpolation, doi 10.1162/neco.1992.4.3.415).
+robot's true errors into the residuals; these are then taken for noise, which gives the tolerances more weight. Both
+are weighed by the evidence of the linearised rows: the probability of what was measured, whatever the parameters are
+(MacKay 1992, Bayesian interpolation, doi 10.1162/neco.1992.4.3.415; in geodesy: variance components by maximum
+likelihood).
+
+**Evidence.** Rows of kind k, linearised in their stated σ, are r_k + J_k x; φ_k is the factor on their noise, s_g the
+factor on the prior of group g, C(s) the prior covariance. With x integrated out, up to a constant,
+
+    ln p = −Σ_k n_k ln φ_k − ½ (ln|C| + ln|A| + rᵀr − Jᵀrᵀ A⁻¹ Jᵀr),
+    A = JᵀJ + C⁻¹,  JᵀJ = Σ_k φ_k⁻² J_kᵀJ_k,  Jᵀr = Σ_k φ_k⁻² J_kᵀr_k,  rᵀr = Σ_k φ_k⁻² r_kᵀr_k,
+
+n_k the count of numbers. The last two terms are χ² at the mode x̂ = −A⁻¹Jᵀr; ln|C| + ln|A| is the Occam factor, which
+makes a wider prior cost something. So only JᵀJ, Jᵀr and rᵀr of each kind are kept, and factors are tried without the
+rows.
+
+**Slopes.** ∂ln p/∂ln φ_k = φ_k⁻² (‖r_k + J_k x̂‖² + tr(J_kᵀJ_k A⁻¹)) − n_k: at the optimum, squares are equal to the
+redundancy of the kind, n_k − tr(φ_k⁻² J_kᵀJ_k A⁻¹). For independent priors with precision c = C⁻¹, ∂ln p/∂ln s_g = Σ_g
+((x̂² + A⁻¹_ii) c_i − 1) for parameters whose whole variance scales (`change` is the part that does). L-BFGS-B climbs
+in the logarithms.
+
+**Model choice.** A factor of noise or tolerances other than 1 is a hypothesis: it is taken only if it raises ln p by
+`SUPPORTED`, one after another, the most promising first. Sizes of effects are estimated always, with ln s ~ N(0, 1).
 """
 
 from __future__ import annotations
@@ -26,7 +43,8 @@ from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
 SUPPORTED = 4.0
-"""A factor has to raise the logarithm of the evidence by this: 55 times as probable. On clean rows no factor does."""
+"""Nats. A factor has to make the rows e⁴ = 55 times as probable ("strong" in Kass and Raftery 1995:
+20 to 150). On clean rows no factor does."""
 
 UNEXPECTED = 2.5
 """χ² this many of its own standard deviations above its expectation is examined."""

@@ -1,13 +1,23 @@
 """Start values from nominal and the rows: base and tool, fixed points, and the zeros of instruments for lengths.
 
-With G, g, t for the base's rotation transposed, its offset and the tool, G m + g − R t = p for each measured point m,
-flange position p and flange rotation R is linear if G may be any matrix: no start value and no local minimum.
-Gauss–Newton steps on the rigid problem follow. They move the tool along no direction that they find worse than it was
-taught: with (nearly) one orientation in all rows the noise of the joints would decide it, decimetres away.
+**Base and tool.** A measured point is m = B (R t + p): flange rotation R and position p, tool t, base B = (R_B, b).
+With G = R_Bᵀ and g = −R_Bᵀ b,
 
-A draw-wire counts from where it was switched on; a ball-bar without its calibration piece measures changes of length:
-each shows ℓ = |p − a| + z. Squared, |p − a|² = (ℓ − z)² is linear in the point a, the zero z and, once for each point,
-|a|² − z².
+    G m + g − R t = p
+
+is linear in the 15 numbers of G, g, t if G may be any matrix: no start value and no local optimum. Only t is taken
+from it; the rigid base follows by the closed form of Kabsch (1976), and `STEPS` Gauss–Newton steps on the rigid
+problem, with turns and slides of the base and the tool as unknowns. The same steps start from the taught tool; the
+other end counts only if it leaves less than `PREFERRED` of the squares.
+
+They move the tool along no direction that they find worse than it was taught. The tool's information with the base
+eliminated is the Schur complement L_tᵀ (I − Q Qᵀ) L_t, Q a basis of the base's columns; a direction of eigenvalue λ
+has σ = s/√λ, s the scatter of the residuals from their median. With (nearly) one orientation in all rows a longer tool
+acts as a base further in, λ ≈ 0, and the noise of the joints would decide the tool, decimetres away.
+
+**Zeros of lengths.** A draw-wire counts from where it was switched on; a ball-bar without its calibration piece
+measures changes of length: each shows ℓ = |p − a| + z. Squared, |p − a|² = (ℓ − z)² is linear in the point a, the zero
+z and, once for each point, |a|² − z².
 """
 
 from __future__ import annotations

@@ -1,4 +1,12 @@
-"""Remaining error besides a model's other terms: a smooth random function of the joints, one for each axis."""
+"""Remaining error besides a model's other terms: a smooth random function of the joints, one for each axis.
+
+y = f(q; θ) + δ(q) + ε: a model that lacks something (gear, bearings, bending) leaves an error that depends on the
+joints. Taken for noise, it biases θ and makes σ too small, as its errors at neighbouring postures are not independent.
+As a Gaussian process *inside* the fit it competes with θ by their priors, and what is known of it widens σ away from
+the rows (Kennedy and O'Hagan 2001, Bayesian calibration of computer models, doi 10.1111/1467-9868.00294). δ may take
+over what θ could explain as well: so it joins only by evidence, and only if it predicts held-out rows better
+(`identify`).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""The interface of a residual model beyond that of an effect, and a basis of smooth functions made from postures."""
+"""The interface of a residual model beyond that of an effect, and a basis of smooth functions made from postures.
+
+A Gaussian process with kernel k(q, q') = exp(−‖q − q'‖²/2ℓ²) has one unknown for each row. It is expanded at M centres
+C (Nyström; Rasmussen and Williams 2006, section 8.1): with L Lᵀ = k(C, C) and φ(q) = L⁻¹ k(C, q),
+
+    δ(q) = Σ_m φ_m(q) κ_m,    κ ~ N(0, s²)    ⇒    cov δ(q), δ(q') = s² φ(q)·φ(q') = s² k(q, C) k(C, C)⁻¹ k(C, q'),
+
+linear in M amounts, so that the estimator treats it as any effect. At the centres it is the process; elsewhere the
+share 1 − ‖φ(q)‖² of the variance is missing (`remainder`), which the region of the rows, or the model itself, adds to
+σ.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +41,7 @@ CENTRES = 64
 MOST = 1000
 ALIKE_RAD = 0.05
 _JITTER = 1e-6
+"""Share of the variance on the diagonal of k(C, C): centres 0.05 rad apart are nearly dependent; Cholesky needs it."""
 
 
 @final

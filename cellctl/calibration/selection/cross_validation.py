@@ -1,7 +1,10 @@
 """Linearised rows, and their cross-validation: each row's prediction from the others, without a new fit.
 
-The rows are linearised once, about a fit of all of them. To leave a fold out, its rows' normal equations are subtracted
-from the sum. Any subset of the unknowns is another model, from the same sum.
+The rows are linearised once, about a fit of all of them: r + J x. With A = Σ_i J_iᵀJ_i + C⁻¹ and b = Σ_i J_iᵀr_i, a
+fold T is left out by A_T = A − Σ_T J_iᵀJ_i, b_T = b − Σ_T J_iᵀr_i; its rows are predicted at x_T = −A_T⁻¹ b_T with
+covariance I + J_i A_T⁻¹ J_iᵀ. Any subset of the unknowns is another model, from the same sums: a ladder of models in a
+hundred folds costs a hundred Cholesky factors each. What is lost is the change of J between the fits, second order in
+the fold's effect.
 """
 
 from __future__ import annotations

@@ -1,4 +1,21 @@
-"""Limits of a search and of an on-line correction, checked before they start and in every cycle."""
+"""Limits of a search and of an on-line correction, checked before they start and in every cycle.
+
+RSI bypasses the controller's path planning: the drives get each set-point as it is, and 1° in one cycle of 12 ms is 83
+deg/s. So these limits are the last ones before the drives. c_k is the correction (6,) of cycle k, T the cycle;
+differences are means of derivatives over the cycles, so that a path within the limits passes, and one outside does
+not:
+
+    speed         ‖c_k − c_{k−1}‖ ≤ v T
+    acceleration  ‖c_k − 2 c_{k−1} + c_{k−2}‖ ≤ a T²
+    jerk          ‖c_k − 3 c_{k−1} + 3 c_{k−2} − c_{k−3}‖ ≤ j T³
+
+with Euclidean norms over the axes. A TCP at reach L moves by at most L Σ|ω_i| ≤ L √3 ‖ω‖ by the three main axes: that
+turns 250 mm/s of ISO 10218-1 into the ceiling of v.
+
+The on-line correction follows what is wanted, w, at most as fast as it can still brake before it. Standing d away, a
+step s with deceleration b = a T² a cycle needs s²/2b + s/2 to stop: s ≤ √(2 b d) − b/2 in good approximation. When w
+turns back, the correction overshoots by v²/2a + 2 v T at most; as much is kept free below the limit (`asked_deg`).
+"""
 
 from __future__ import annotations
 
@@ -314,6 +331,7 @@ class CorrectionMotion:
         distance = math.hypot(*away)
         if not distance:
             return away
+        # d = s²/2b + s/2 solved for s, less than b/2 on the safe side; never below b/2, else it would not arrive
         brakes = max(math.sqrt(2 * self._bend_most * distance) - self._bend_most / 2, self._bend_most / 2)
         share = min(distance, self._step_most, brakes) / distance
         return tuple(share * axis for axis in away)

@@ -1,7 +1,21 @@
 """Answers the controller on a UDP line that accepts only it: receive, read stop and guards, plan, reply.
 
-It answers only from the order of a task and the announcement of its session to the release. Not answering is safe: a
-session's output begins at zero, and later it is held. Answering zero is not safe.
+**One cycle.** Every interpolation cycle T (4 or 12 ms) the controller sends a telegram with its count IPOC, whatever
+comes back, and takes the answer that repeats this IPOC. An answer after the cycle's end counts as late; after
+`Timeout` of them the controller ends RSI and stops (KSS29002). So an answer has T less the network's delay. Its parts,
+in this order: all datagrams that wait are read (`receive`), so that a stall does not leave every later answer one
+telegram behind; orders, the stop and the guards' beats are read from shared memory as late as possible, so that a
+contact counts in the cycle in which it arrives; the task plans the correction of the *newest* telegram; the reply is
+written from a template and sent; counts and samples follow only for the engine. Telegrams that were not the newest are
+kept as samples and counted as skipped.
+
+**Late, lost, skipped.** The computers' clocks are not compared: the least delay of many telegrams, arrival less IPOC ×
+T, is the delay without waiting, and an answer is late if it left more than T after that. Lost is a gap in IPOC;
+skipped was received and not answered.
+
+**When it does not answer.** It answers only from the order of a task and the announcement of its session to the
+release. Not answering is safe: a session's output begins at zero, and later it is held. Answering zero is not safe:
+with absolute corrections it sends the robot back to the pose of RSI_ON in one cycle.
 """
 
 from __future__ import annotations
