@@ -93,7 +93,7 @@ class Listener(Protocol):
 
 
 class SearchEnd(StrEnum):
-    """Why a search ended. In every case the robot is held and RSI is off."""
+    """Why a search ended. In every case the robot is held, and the controller takes no further corrections."""
 
     STOPPED = "stopped"
     """`stop_now` was called: contact."""
@@ -101,20 +101,18 @@ class SearchEnd(StrEnum):
     """The end of the line was reached without a stop."""
 
 
-@final
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """The record of a search, sampled every interpolation cycle.
+    """The record of a search, sampled every cycle of the controller. A driver may return more (a subclass).
 
-    `times_ns`: the cell's time of each sample, through the IPOC → cell clock fit; `ipoc`: the controller's own count;
-    `joints`: A1…An actual (AIPos) in degrees, a row per sample; `resting`: the joints after the stop.
-    `stop_cycles`: telegrams from the first one answered with the stop known to the first with a constant set-point;
-    `late`, `lost`, `skipped`: telegrams so counted during this search.
+    `times_ns`: the cell's time of each sample, fitted to the controller's own clock or count; `joints`: A1…An actual,
+    degrees, a row per sample; `resting`: the joints after the stop. `stop_cycles`: cycles from the first one answered
+    with the stop known to the first with a constant set-point; `late`, `lost`, `skipped`: answers, or messages of the
+    controller, so counted during this search.
     """
 
     end: SearchEnd
     times_ns: tuple[int, ...]
-    ipoc: tuple[int, ...]
     joints: tuple[JointReadings, ...]
     resting: JointReadings
     stop_cycles: int

@@ -15,7 +15,7 @@ MS = 1_000_000
 
 
 def searched(times, rows) -> SearchResult:
-    return SearchResult(SearchEnd.STOPPED, tuple(times), tuple(range(len(times))), tuple(rows), rows[-1], 3, 0, 0, 0)
+    return SearchResult(SearchEnd.STOPPED, tuple(times), tuple(rows), rows[-1], 3, 0, 0, 0)
 
 
 def test_joints_between_two_samples_are_on_the_line_between_them():

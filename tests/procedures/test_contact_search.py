@@ -117,7 +117,6 @@ def searched(end: SearchEnd, times: list[int], joints: list[tuple[float, ...]]) 
     return SearchResult(
         end=end,
         times_ns=tuple(times),
-        ipoc=(0, 4),
         joints=tuple(joints),
         resting=joints[-1],
         stop_cycles=1,

@@ -41,6 +41,14 @@ _FOLLOWED_DEG = 0.1
 
 
 @final
+@dataclass(frozen=True, slots=True)
+class RsiSearchResult(SearchResult):
+    """A search with `ipoc`, the controller's count at each sample."""
+
+    ipoc: tuple[int, ...]
+
+
+@final
 class SearchRecord:
     """Collects one search's samples and counts from the shared block."""
 
@@ -62,9 +70,9 @@ class SearchRecord:
         late = max(rises[Slot.LATE], rises[Slot.LATE_REPORTED])
         return {"late": late, "lost": rises[Slot.LOST], "skipped": rises[Slot.SKIPPED]}
 
-    def result(self, end: SearchEnd, status: SearchStatus, resting: JointReadings) -> SearchResult:
+    def result(self, end: SearchEnd, status: SearchStatus, resting: JointReadings) -> RsiSearchResult:
         """The record of the search, its samples' times through the count → cell clock fit."""
-        return SearchResult(
+        return RsiSearchResult(
             end=end,
             times_ns=self._times(status),
             ipoc=tuple(sample.ipoc for sample in self.samples),
