@@ -6,7 +6,15 @@ from cellctl.calibration.effects._backlash import Backlash
 from cellctl.calibration.effects._compliance import JointCompliance
 from cellctl.calibration.effects._deflection import DEFLECTION, ToolDeflection
 from cellctl.calibration.effects._thermal_expansion import ThermalExpansion
-from cellctl.calibration.effects.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs, OwnTurns
+from cellctl.calibration.effects.effect import (
+    DOWN,
+    STANDARD_GRAVITY,
+    Direction,
+    Effect,
+    EffectInputs,
+    OnlineTerms,
+    OwnTurns,
+)
 from cellctl.calibration.effects.motor_torsion import MotorTorsion
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.residuals.discrepancy import Discrepancy
@@ -57,6 +65,7 @@ __all__ = [
     "JointCompliance",
     "JointField",
     "MotorTorsion",
+    "OnlineTerms",
     "OwnTurns",
     "ResidualModel",
     "ThermalExpansion",

@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, EffectInputs
+from cellctl.calibration.effects.effect import Effect, EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
@@ -61,3 +61,8 @@ class Backlash(Effect):
         """Φ (N, n, n): each joint's approach in its own row."""
         approach = np.zeros(at.q.shape) if at.approach is None else at.approach
         return np.asarray(approach[:, :, None] * np.eye(self.joints))
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """Nothing: a telegram does not tell what it depends on."""
+        words = "backlash: each joint is taken midway in its play, as its direction of motion changes on the way"
+        terms.left_out.append(words)

@@ -17,7 +17,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs
+from cellctl.calibration.effects.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures, varies
 from cellctl.kinematics import Floats, SerialChain
@@ -120,6 +120,15 @@ class JointCompliance(Effect):
             for extra, joint in enumerate(self._loaded()):
                 result[joint, column + extra] = load[joint]
         return np.moveaxis(result, -1, 0)
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """Its springs, under the weight of the links and this load."""
+        terms.down, payload_kg = self.down, 0.0 if terms.at.payload is None else float(terms.at.payload[0])
+        own = self._moments()
+        for (joint, link, axis), amount in zip(own, amounts.tolist(), strict=False):
+            terms.weight[link, axis, joint] += amount
+        for joint, amount in zip(self._loaded(), amounts[len(own) :].tolist(), strict=True):
+            terms.load[joint] += amount * payload_kg * STANDARD_GRAVITY / 1000.0
 
     def _carrying(self) -> list[int]:
         return [j for j in range(self.joints) if j + 1 not in self.upright]

@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs
+from cellctl.calibration.effects.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
@@ -77,6 +77,11 @@ class ToolDeflection(Effect):
         axis = nominal.forward_flange(at.q)[..., :3, 2]
         across = self.down - (axis @ self.down)[..., None] * axis
         return np.asarray((self.mm_per_unit + self.mm_by_payload(at)) * across)[..., None]
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """Its bending at this load."""
+        terms.down = self.down
+        terms.bend += float(amounts[0]) * float(np.ravel(self.mm_per_unit + self.mm_by_payload(terms.at))[0])
 
     def mm_by_payload(self, at: Postures) -> Floats | float:
         """What a payload adds to `mm_per_unit` (N, 1): the tip's shift by a weight at another place of a cantilever."""

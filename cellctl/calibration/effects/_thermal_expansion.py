@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, EffectInputs
+from cellctl.calibration.effects.effect import Effect, EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures, varies
 from cellctl.kinematics import Floats, SerialChain
@@ -72,6 +72,17 @@ class ThermalExpansion(Effect):
             return np.zeros((len(at), 3, len(self._grown)))
         links = _link_vectors(nominal, at.q)[:, self._grown]
         return np.asarray(np.swapaxes(links * at.delta_t[:, None, None], 1, 2))
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """Link i reaches from the frame behind joint i (the first: from the base) to that behind joint i + 1."""
+        if terms.at.delta_t is None:
+            terms.left_out.append("thermal expansion: no temperature was given, corrected for 20 °C")
+            return
+        grown = amounts * float(terms.at.delta_t[0])
+        for link, amount in zip(self._grown, grown.tolist(), strict=True):
+            terms.stretch[link + 1] += amount
+            if link:
+                terms.stretch[link] -= amount
 
     @property
     def _grown(self) -> list[int]:

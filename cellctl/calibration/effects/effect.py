@@ -7,7 +7,7 @@ model file has them; other packages use only the attributes below.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, Self, TypeAlias, final
 
 import numpy as np
@@ -73,6 +73,35 @@ class EffectInputs:
     down: Direction = DOWN
 
 
+@final
+@dataclass(eq=False)
+class OnlineTerms:
+    """What the on-line kernel can evaluate in every cycle, for a robot with n joints at one load and temperature.
+
+    at: a single posture with both. down: which way weight pulls, in the base frame. weight (n, 2, n): rad of joint j
+    by the weight moment that is fixed along x, y of the frame behind joint k, at [k, axis, j]. load (n,): rad of each
+    joint per mm of the load's lever. bend: mm of the TCP of a level tool. stretch (n + 1,): growth of the place of each
+    frame, the base's first. waves: joint from 0, waves per turn, amounts of sine and cosine, rad. nodes: places and
+    scales (M, n), per rad, and weights (M, 3), mm, of squared exponentials of the joints. left_out: what the
+    correction lacks, in words.
+    """
+
+    at: Postures
+    joints: int
+    down: Direction = DOWN
+    bend: float = 0.0
+    weight: Floats = field(init=False)
+    load: Floats = field(init=False)
+    stretch: Floats = field(init=False)
+    waves: list[tuple[float, float, float, float]] = field(default_factory=list)
+    nodes: list[tuple[Floats, Floats, Floats]] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        n = self.joints
+        self.weight, self.load, self.stretch = np.zeros((n, 2, n)), np.zeros(n), np.zeros(n + 1)
+
+
 class Effect(ABC):
     """A cause of error with K amounts κ. It turns the joints by Φκ and shifts the TCP by Ψκ.
 
@@ -134,3 +163,10 @@ class Effect(ABC):
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats | None:
         """Ψ (N, 3, K): mm of the TCP, in the robot's base frame, per unit; None where nothing shifts."""
         return None
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """Add its amounts (K,) to the terms of the on-line kernel, or say what that leaves out.
+
+        Raises ValueError if the kernel cannot evaluate it, and a model with it must not be used on-line.
+        """
+        raise ValueError(f"the model's {self.group} cannot be computed on-line; fit one without it")

@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, EffectInputs
+from cellctl.calibration.effects.effect import Effect, EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
@@ -80,3 +80,7 @@ class MotorTorsion(Effect):
         """Φ (N, n, n): minus each joint's current in its own row."""
         currents = np.zeros(at.q.shape) if at.currents is None else np.nan_to_num(at.currents)
         return np.asarray(-currents[:, :, None] * np.eye(self.joints))
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """Nothing: a telegram does not tell what it depends on."""
+        terms.left_out.append("flexibility by motor current: on-line correction has no currents")

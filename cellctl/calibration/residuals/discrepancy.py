@@ -16,7 +16,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import STORED, EffectInputs
+from cellctl.calibration.effects.effect import STORED, EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.residuals.residual_model import LENGTHS_RAD, PostureBasis, ResidualModel
@@ -82,3 +82,8 @@ class Discrepancy(ResidualModel):
     def far_sigma(self, sigma: Floats) -> float:
         """Its prior σ: far from the rows nothing is known of it."""
         return float(sigma.max())
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """A squared exponential about each centre."""
+        scale = np.full_like(self.centres, 1.0 / self.length_rad)
+        terms.nodes.append((self.centres * scale, scale, self.basis.kernel_weights(amounts.reshape(-1, 3))))

@@ -9,7 +9,7 @@ from typing import ClassVar, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import EffectInputs, OwnTurns
+from cellctl.calibration.effects.effect import EffectInputs, OnlineTerms, OwnTurns
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.residuals.residual_model import ResidualModel
@@ -125,3 +125,8 @@ class Harmonics(ResidualModel):
         phase = at.q[:, joints - 1] * orders
         values = np.stack([np.sin(phase), np.cos(phase) - 1.0], axis=-1).reshape(len(at), 2 * len(joints))
         return OwnTurns(np.repeat(joints - 1, 2), values)
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """Its waves."""
+        for (joint, order), (sine, cosine) in zip(self.waves, amounts.reshape(-1, 2).tolist(), strict=True):
+            terms.waves.append((joint - 1, order, sine, cosine))

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from cellctl.calibration.effects.effect import EffectInputs
+from cellctl.calibration.effects.effect import EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.residuals.residual_model import PostureBasis, Remainder, ResidualModel, spread
@@ -256,3 +256,10 @@ class JointField(ResidualModel):
         pairs = zip(self.expected, self.bases, self.lengths, strict=True)
         left = [size**2 * basis.remainder(at.q / lengths) for size, basis, lengths in pairs]
         return np.asarray(np.mean(left, axis=0))
+
+    def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
+        """A squared exponential about each centre, for each axis with its own lengths."""
+        for axis, (basis, lengths) in enumerate(zip(self.bases, self.lengths, strict=True)):
+            weights = np.zeros((len(self.centres), 3))
+            weights[:, axis] = basis.kernel_weights(amounts.reshape(-1, 3)[:, axis])
+            terms.nodes.append((basis.centres, np.tile(1.0 / lengths, (len(self.centres), 1)), weights))
