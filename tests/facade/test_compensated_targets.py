@@ -9,7 +9,7 @@ import pytest
 import cellctl
 from cellctl.files import InputError
 from cellctl.formats import TableFile
-from cellctl.operations.compensating import learnt_on
+from cellctl.operations.compensating import controller_of_model
 from cellctl.operations.fit_options import Judging
 from tests.helpers.arms import cellctl as command
 from tests.helpers.arms import kr5_model, printed_errors, readings_near_the_middle, targets_csv
@@ -231,7 +231,7 @@ def test_a_frame_of_the_result_is_a_file_for_pandas(model):
 
 def test_an_empty_serial_is_refused_by_cellctls_own_error():
     with pytest.raises(InputError, match="--serial: is empty"):
-        learnt_on(None, kr5_model(), "")
+        controller_of_model(None, kr5_model(), "")
 
 
 @pytest.mark.parametrize("wrong", [{"holdout": "0.3"}, {"folds": "5"}, {"seed": "x"}, {"folds": 2.5}, {"folds": True}])
