@@ -42,6 +42,7 @@ TOLERANCE_MM = 1e-6
 """Distance left at the end by default, mm; a thousandth of it in rad is the orientation left."""
 
 MOST_PASSES = 20
+"""Of a method that repeats until its tolerance, at the most."""
 
 _NEAR_RAD = np.deg2rad(20.0)
 

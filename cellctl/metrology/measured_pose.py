@@ -89,6 +89,7 @@ def cross_matrix(vector: Floats) -> Floats:
 
 
 STEPS = 20
+"""Of Gauss–Newton at the most."""
 
 
 @final

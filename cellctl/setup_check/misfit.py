@@ -24,6 +24,7 @@ SCREEN = 60
 """Rows that select the hypotheses to judge."""
 
 ROUNDS = 4
+"""Of leaving out the farthest rows, at the most."""
 
 SUSPICIOUS = 3.0
 """Times the predicted RMS: a robot three times worse than its tolerances, or an error that these rows hardly show.

@@ -48,6 +48,7 @@ CLOSEST = 0.6
 """The share of the rows, those nearest to nominal, that the search for the inliers starts from."""
 
 ROUNDS = 8
+"""Of a search for inliers at the most: two sets that alternate would never end."""
 
 OVERDETERMINED = 2
 """Measured numbers for each unknown of the registration from which on rows can be checked against each other."""

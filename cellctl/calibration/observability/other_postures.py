@@ -25,6 +25,7 @@ BACK_MM = 1e-3
 """A TCP this near to its point has reached it."""
 
 DAMPING_MM2 = 1.0
+"""Damping of the least squares step, mm²: along a direction with less than a mm of lever hardly anything moves."""
 
 
 def thinned(block: Measured) -> Measured:

@@ -33,6 +33,7 @@ APART = 0.3
 """Assumed distance of a second point from the first, as a share of the first one's distance from the base."""
 
 LENGTH_SIGMA_MM = 0.01
+"""1 σ of an imagined length, as a good certificate states it: would it make the combination observable?"""
 LENGTHLESS = "no row has a length in it, so the robot's size is not seen"
 
 STEP_MM = 200.0

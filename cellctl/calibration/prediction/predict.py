@@ -75,6 +75,7 @@ GAUGE = ("theta1", "d1")
 points equally."""
 
 BLOCK = 4096
+"""Postures per computation: the memory of their Jacobians stays some tens of MB."""
 
 
 def prediction_sigma(

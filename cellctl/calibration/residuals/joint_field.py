@@ -161,6 +161,7 @@ ROWS_AT_LEAST = 30
 """Fewer rows do not determine a length of each joint."""
 
 CENTRES = 128
+"""Twice as many as a discrepancy has: along some joints its length may be short."""
 
 PRIORS = Priors(LENGTH_RAD, LogNormal(0.1, 1.5, 1e-3, 3.0), LogNormal(0.05, 2.0, 1e-3, 3.0))
 """Amplitude and nugget, mm, of what geometry and effects leave: see `discrepancy.EXPECTED_MM`."""

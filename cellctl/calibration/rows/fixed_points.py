@@ -19,6 +19,7 @@ from cellctl.calibration.rows._kind import RowsAtJoints, with_points
 from cellctl.kinematics import Floats
 
 CENTRE_STEPS = 8
+"""Of Gauss–Newton at the most; it ends where a step comes no closer."""
 
 
 def sphere_centre(tcps: Floats, reach: Any) -> Floats:

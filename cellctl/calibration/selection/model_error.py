@@ -92,6 +92,7 @@ def _ratio(before: Floats, after: Floats) -> float:
 
 
 ROWS_AT_LEAST = 10
+"""Fewer rows tell no function of the joints from scatter."""
 
 SHOWN = 2.0
 """A residual model has to raise the logarithm of the evidence by this: seven times as probable. A spurious one only

@@ -26,7 +26,9 @@ UNLIKELY = 0.1
 """A low count of rows in their 95 % regions is significant at this p-value or less (binomial test)."""
 
 ROWS_AT_LEAST = 20
+"""Of fewer rows too few can be held out at the ends of the joint ranges."""
 WIDEST = 3.0
+"""Largest factor on the noise that is tried."""
 
 FEW = 250
 """With at most so many rows each fold affects noise and prior scales: these are estimated without it."""

@@ -14,6 +14,7 @@ _ISOLATED = Path("/sys/devices/system/cpu/isolated")
 """The processors that the scheduler does not use, as `2-3,7`."""
 
 _PRIORITY = 40
+"""Below the kernel's interrupt threads (50), which deliver the telegrams; above everything usual."""
 _MCL_CURRENT = 1
 _MCL_FUTURE = 2
 

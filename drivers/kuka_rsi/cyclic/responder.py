@@ -145,6 +145,7 @@ class ControllerLine:
 
 
 _SHORTEST_CYCLE_NS = 4_000_000
+"""An older telegram is of an earlier cycle, and may be of another session."""
 
 
 @final
