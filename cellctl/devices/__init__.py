@@ -48,6 +48,7 @@ from cellctl.devices.errors import (
     ProbeNotOpen,
     TargetLost,
 )
+from cellctl.devices.host_tables import HostTables, HostTableStore
 from cellctl.devices.tables import (
     CompensatedRobot,
     ControllerTable,
@@ -85,6 +86,8 @@ __all__ = [
     "Finding",
     "Guard",
     "Health",
+    "HostTableStore",
+    "HostTables",
     "Identity",
     "JointReader",
     "JointReadings",

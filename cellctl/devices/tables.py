@@ -55,7 +55,7 @@ class TableState:
 
 @runtime_checkable
 class TableStore(Device, Protocol):
-    """A controller that keeps compensation tables and moves to their rows."""
+    """A robot that goes to the rows of a table, which its controller keeps, or this computer (`HostTables`)."""
 
     async def push_table(self, table: ControllerTable) -> TableState:
         """Stage in blocks, read every row back, compare, activate in one step; the old table is active until then.

@@ -16,6 +16,8 @@ from cellctl.devices import (
     DeviceLost,
     DeviceRefused,
     DeviceUncertain,
+    HostTables,
+    HostTableStore,
     TableInfo,
     TableState,
 )
@@ -350,3 +352,30 @@ def test_a_history_that_cannot_be_written_is_reported_and_the_table_is_pushed(tm
     assert robot.table is not None
     assert robot.table.id == table_id
     assert any("the history of tables was not written" in text for text in context.said)
+
+
+class Held(HostTableStore):
+    """A robot whose controller keeps no table: this computer does."""
+
+    name, serial = "robot", "SIM-1"
+
+    def __init__(self, folder: Path) -> None:
+        self.host_tables = HostTables("robot", folder / "host_tables.json", "SIM-1", "arm", 2.0)
+        self.places: list[Any] = []
+
+    async def move(self, target: Any, speed_percent: float) -> Any:
+        self.places.append(target)
+        return target
+
+
+def test_a_table_that_this_computer_holds_is_pushed_driven_to_and_taken_back_by_the_same_steps(tmp_path: Path) -> None:
+    robot: Any = Held(tmp_path)
+    table_id = table_in(tmp_path)
+    row = pushed(tmp_path, table_id, robot)
+    assert (row.verified, row.active) == (True, True)
+    asyncio.run(require_in_force(robot, table_id))
+    asyncio.run(robot.move_to_row(2, 10.0))
+    assert robot.places == [pytest.approx([angle + 1.1 for angle in HOME])]
+    context = withdrawn(tmp_path, robot, row)
+    assert context.recorded(TableStateRow)[-1].active is False
+    assert asyncio.run(robot.table_state()) == TableState(None, None, None)
