@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
+from cellctl.compensation import METHODS
 from cellctl.devices.cell import TABLE_CORRECTION_DEG
 from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile
@@ -81,7 +82,8 @@ def is_new_folder(out: Path) -> bool:
 DEFAULT_TOLERANCE_MM = 0.05
 
 _FRAME = 6
-_METHODS = ("pseudo-target", "pseudo-target-matrix", "veitschegger-wu", "newton-raphson")
+_METHODS = tuple(name for name, each in METHODS.items() if each.write_back is None and not each.position_only)
+"""A program's points are whole poses, and its controller computes with its own parameters."""
 
 
 @final
