@@ -37,6 +37,11 @@ def contributions(group: str, kind: type[T], what: str, broken: list[str]) -> It
 
     What cannot be loaded, or is no `kind`, is added to `broken` as text. what: the noun of label and texts.
     """
+    yield from ((label, found) for _, label, found in named_contributions(group, kind, what, broken))
+
+
+def named_contributions(group: str, kind: type[T], what: str, broken: list[str]) -> Iterator[tuple[str, str, T]]:
+    """As `contributions`, with the name of each."""
     for name, value, point in sorted((point.name, point.value, point) for point in entry_points(group=group)):
         label = f"{what} '{name}' ({value})"
         try:
@@ -45,7 +50,7 @@ def contributions(group: str, kind: type[T], what: str, broken: list[str]) -> It
             broken.append(f"{label} cannot be loaded: {error}")
             continue
         if isinstance(found, kind):
-            yield label, found
+            yield name, label, found
         else:
             broken.append(f"{label} is no {kind.__name__}")
 

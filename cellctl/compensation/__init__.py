@@ -5,7 +5,7 @@
 """
 
 from cellctl.compensation._compensating import Compensated, compensate
-from cellctl.compensation._corrections import METHODS, MappedErrors, PredictedErrors
+from cellctl.compensation._corrections import METHODS, MappedErrors, Method, Pass, PredictedErrors
 from cellctl.compensation._nearest_chain import with_frames, with_geometry, with_zeros_and_frames, zeros_of
 from cellctl.compensation.postures import postures
 
@@ -13,6 +13,8 @@ __all__ = [
     "METHODS",
     "Compensated",
     "MappedErrors",
+    "Method",
+    "Pass",
     "PredictedErrors",
     "compensate",
     "postures",

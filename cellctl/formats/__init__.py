@@ -2,6 +2,7 @@
 demand.
 """
 
+from cellctl.formats._installed import add_installed
 from cellctl.formats._prior import from_prior, only
 from cellctl.formats.artefact import Artefact, artefact_of, load_artefact
 from cellctl.formats.cell_sections import postures_of
@@ -34,3 +35,5 @@ __all__ = [
     "table_of",
     "table_problems",
 ]
+
+add_installed()

@@ -35,9 +35,21 @@ EFFECTS: tuple[type[Effect], ...] = (
 """All kinds of effects, in the order in which a model's name lists them."""
 
 
+_ADDED: list[type[Effect]] = []
+
+
+def add_kind(kind: type[Effect]) -> None:
+    """Add the effect of another package, behind `EFFECTS`. Calibration reads no entry points: `cellctl.formats` calls
+    this once for each. Raises ValueError if there is an effect of that group.
+    """
+    if kind.group in kinds():
+        raise ValueError(f"there is an effect '{kind.group}' already")
+    _ADDED.append(kind)
+
+
 def kinds() -> dict[Group, type[Effect]]:
-    """The kind of effect of each group, in the order of `EFFECTS`."""
-    return {kind.group: kind for kind in EFFECTS}
+    """The kind of effect of each group, in the order of `EFFECTS`, then those of other packages."""
+    return {kind.group: kind for kind in (*EFFECTS, *_ADDED)}
 
 
 def functions() -> frozenset[Group]:
@@ -46,7 +58,7 @@ def functions() -> frozenset[Group]:
 
 
 def in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """The effects in the order of `EFFECTS`."""
+    """The effects in the order of `kinds`."""
     order = list(kinds())
     return tuple(sorted(effects, key=lambda effect: order.index(effect.group)))
 
@@ -71,6 +83,7 @@ __all__ = [
     "ThermalExpansion",
     "ToolDeflection",
     "Wave",
+    "add_kind",
     "functions",
     "in_order",
     "kinds",

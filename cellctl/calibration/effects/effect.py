@@ -1,7 +1,7 @@
 """The interface of every non-geometric effect, linear in its amounts at nominal joints; and which way weight pulls.
 
-An effect is one file and one line of the tuple `EFFECTS`. Its class is a dataclass whose fields are its settings, as a
-model file has them; other packages use only the attributes below.
+An effect is one file and one line of the tuple `EFFECTS`, or of another package and its entry point. Its class is a
+dataclass whose fields are its settings, as a model file has them; other packages use only the attributes below.
 """
 
 from __future__ import annotations

@@ -1,0 +1,81 @@
+"""An effect and a compensation method that nobody knew of work by their entry points alone, from fit to table.
+
+The package is `calibration_kit`, on the path of the processes and installed nowhere. No line of ours names it.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from cellctl.formats import RobotFile
+from tests.helpers import arms
+from tests.helpers.arms import csv_text, joints_and_places
+
+KIT = Path(__file__).parent / "calibration_kit"
+ROOT = Path(__file__).parents[2]
+PER_K = np.array([0.004, -0.002, 0.012])
+"""By which the tool moves in the flange's frame, mm/K."""
+
+
+def data() -> str:
+    rng = np.random.default_rng(4)
+    robot = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
+    readings = rng.uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (120, 3))
+    temperature = rng.uniform(15.0, 35.0, 120)
+    flange = robot.chain().forward_flange(robot.joint_map().model(readings))[:, :3, :3]
+    places = arms.ElbowArm().tcp(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]
+    head, *lines = csv_text(joints_and_places(readings, places + rng.normal(0.0, 0.01, (120, 3)))).splitlines()
+    return "\n".join([f"{head},temperature", *(f"{line},{t:.3f}" for line, t in zip(lines, temperature, strict=True))])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """With the robot, its data, and the model that was fitted with the invented effect."""
+    folder = tmp_path_factory.mktemp("kit")
+    (folder / "robot.yaml").write_text(arms.ELBOW_ROBOT)
+    (folder / "data.csv").write_text(data())
+    done = cellctl(folder, "fit", "robot.yaml", "data.csv", "--model", "geometry+tool_heat", "--out", "model.json")
+    assert done.returncode == 0, done.stderr
+    assert "effect 'broken' (tool_heat:NOTHING) is not used: it is not derived from Effect" in done.stderr
+    return folder
+
+
+def cellctl(folder, *words, kit=True):
+    command = [sys.executable, "-m", "cellctl", *words]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(KIT), str(ROOT)] if kit else [str(ROOT)])}
+    options = {"capture_output": True, "text": True, "timeout": 300, "check": False}
+    return subprocess.run(command, cwd=folder, env=environment, **options)
+
+
+def test_the_model_file_has_the_effect_with_its_amounts(folder):
+    model = json.loads((folder / "model.json").read_text())
+    assert "tool_heat" in json.dumps(model)
+    done = cellctl(folder, "predict", "model.json", "data.csv")
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 121
+
+
+def test_without_the_package_the_model_file_says_which_effect_is_missing(folder):
+    done = cellctl(folder, "predict", "model.json", "data.csv", kit=False)
+    assert done.returncode == 2
+    assert "'tool_heat' is no kind of effect" in done.stderr
+
+
+def test_the_method_compensates_targets_as_well_as_the_shipped_ones(folder):
+    for name in ("six.yaml", "poses.csv", "joints.csv"):
+        shutil.copy(ROOT / "tests" / "golden" / "inputs" / name, folder)
+    fitted = cellctl(folder, "fit", "six.yaml", "poses.csv", "--model", "geometry", "--out", "six.json")
+    assert fitted.returncode == 0, fitted.stderr
+    assert cellctl(folder, "predict", "six.json", "joints.csv", "-o", "targets.csv").returncode == 0
+    words = ("--method", "damped", "--out", "table.csv", "--json", "figures.json")
+    done = cellctl(folder, "compensate", "six.json", "targets.csv", *words)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((folder / "figures.json").read_text())
+    assert found["method"] == "damped"
