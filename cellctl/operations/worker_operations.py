@@ -27,7 +27,7 @@ def understand(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 
 def fit(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder`, `settings` → how the fit ended."""
-    return fit_analysis(Path(request["folder"]), FitSettings(**request["settings"]), _progress(tell)).to_json()
+    return as_json(fit_analysis(Path(request["folder"]), FitSettings(**request["settings"]), _progress(tell)))
 
 
 def compensate(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
