@@ -13,6 +13,7 @@ from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, refused_rows, to_stdout, write_json
 from cellctl.cli.exit_codes import SHOWN, Exit
 from cellctl.clock import calendar_time
+from cellctl.compensation import METHODS
 from cellctl.devices.cell import TABLE_CORRECTION_DEG
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import DataSet, ModelFile
@@ -54,15 +55,6 @@ _SHOWN_PASSES = 5
 __all__ = ["compensate"]
 
 _ALL = "all"
-_METHODS = (
-    "pseudo-target",
-    "pseudo-target-matrix",
-    "veitschegger-wu",
-    "newton-raphson",
-    "cyclic-search",
-    "write-back-geometry",
-    "write-back-zeros",
-)  # not imported from the mathematics: errors in the call are reported without loading it
 
 
 def compensate(
@@ -72,7 +64,7 @@ def compensate(
         typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby. Or a KRL program (.src)."),
     ],
     method: Annotated[
-        str, typer.Option(help=f"{', '.join(_METHODS)}, or all: compare them.", metavar="METHOD")
+        str, typer.Option(help=f"{', '.join(METHODS)}, or all: compare them.", metavar="METHOD")
     ] = "pseudo-target",
     passes: Annotated[
         int | None, typer.Option(min=1, max=50, help="Passes, as published. Default: until 1e-6 mm is left.")
@@ -154,8 +146,8 @@ def _is_csv(out: Path | None) -> bool:
 
 def _refuse(method: str, passes: int | None, out: Path | None, json_: str | None) -> None:
     problems = []
-    if method not in (*_METHODS, _ALL):
-        cure = f"one of: {', '.join(_METHODS)}, {_ALL}"
+    if method not in (*METHODS, _ALL):
+        cure = f"one of: {', '.join(METHODS)}, {_ALL}"
         problems.append(Problem("--method", 0, 0, f"'{method}' is not known", cure))
     if method == _ALL and out:
         what = "--method all compares the methods and writes no targets"

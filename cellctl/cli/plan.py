@@ -18,6 +18,7 @@ from cellctl.formats import RobotFile
 from cellctl.formats.targets import read_path, targets_text
 from cellctl.operations.fit_options import option
 from cellctl.planning import (
+    METHODS,
     JointRanges,
     OutOfReach,
     Reach,
@@ -29,9 +30,6 @@ from cellctl.planning import (
 )
 
 _Read = TypeVar("_Read")
-METHODS = ("quasi-random", "halton", "joint-uniform", "near-path", "pseudo-random", "clustered")
-"""Not imported from the mathematics: errors in the call are reported without loading it."""
-
 ACCEPTANCE_DEG, FACES_ANYWHERE_DEG = 27.0, 180.0
 
 

@@ -135,10 +135,3 @@ def test_a_path_file_that_is_no_path_is_refused(cellctl, capsys):
         Path("path.csv").write_text(text)
         assert cellctl("plan", ROBOT, "--n", 10, *words) == 2
         assert said in capsys.readouterr().err
-
-
-def test_the_command_line_knows_the_methods_of_the_mathematics():
-    from cellctl.cli import plan
-    from cellctl.planning import METHODS
-
-    assert plan.METHODS == METHODS
