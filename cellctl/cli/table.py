@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -12,17 +12,20 @@ from cellctl.cli.arguments import refuse_outputs
 from cellctl.cli.exit_codes import Exit, adding
 from cellctl.cli.table_history import Runs, State, diff, history, recorded, show_result
 from cellctl.cli.table_output import export_csv, export_krl, in_force_words, refuse_export, state_words, table_words
-from cellctl.devices import TableStore
+from cellctl.devices import Identity, TableState, TableStore
 from cellctl.files import InputError, Problem
 from cellctl.formats import TableFile
+from cellctl.operations.results import as_json
 from cellctl.operations.table import (
+    Pushed,
+    RolledBack,
     TableCell,
+    Verified,
     controller_table,
-    differences,
     push_checked,
     push_recorded,
-    roll_back,
-    state_of,
+    rolled_back,
+    verified,
 )
 from cellctl.operations.table_history import table_named
 
@@ -51,14 +54,14 @@ def push(
     file = TableFile.load(table)
     place = TableCell.load(cell, seed, state)
 
-    async def work(store: TableStore, identity: Any) -> dict[str, Any]:
+    async def work(store: TableStore, identity: Identity) -> Pushed:
         with recorded(runs, identity.serial) as recorder:
             return await push_checked(store, identity, file, table, place, recorder)
 
     with adding("nothing was written"):
         result = place.carry_out(work)
     _warn_without_memory(place)
-    show_result(json_, result, in_force_words(result))
+    show_result(json_, as_json(result), in_force_words(result))
 
 
 @app.command()
@@ -86,11 +89,11 @@ def show(
         return
     assert cell is not None
 
-    async def work(store: TableStore, identity: Any) -> dict[str, Any]:
-        return {"serial": identity.serial, **state_of(await store.table_state())}
+    async def work(store: TableStore, identity: Identity) -> tuple[str, TableState]:
+        return identity.serial, await store.table_state()
 
-    result = TableCell.load(cell, seed, state).carry_out(work)
-    show_result(json_, result, state_words(result))
+    serial, found = TableCell.load(cell, seed, state).carry_out(work)
+    show_result(json_, {"serial": serial, **as_json(found)}, state_words(serial, found))
 
 
 @app.command()
@@ -111,22 +114,14 @@ def verify(
     refuse_outputs({"--json": json_}, [table, cell, state])
     wanted = controller_table(table_named(table, runs))
 
-    async def work(store: TableStore, identity: Any) -> dict[str, Any]:
-        found = differences(wanted, identity.serial, await store.read_table())
-        return {
-            "id": wanted.id,
-            "serial": identity.serial,
-            "rows": len(wanted.rows),
-            "same": not found,
-            "differences": found,
-        }
+    async def work(store: TableStore, identity: Identity) -> Verified:
+        return await verified(store, identity.serial, wanted)
 
     result = TableCell.load(cell, seed, state).carry_out(work)
-    same = f"Table {wanted.id[:12]} is in force on {result['serial']}, all {result['rows']} rows as in the file."
-    show_result(
-        json_, result, same if result["same"] else "\n".join(["Not the table in force:", *result["differences"]])
-    )
-    if not result["same"]:
+    same = f"Table {wanted.id[:12]} is in force on {result.serial}, all {result.rows} rows as in the file."
+    words = same if result.same else "\n".join(["Not the table in force:", *result.differences])
+    show_result(json_, as_json(result), words)
+    if not result.same:
         raise typer.Exit(Exit.NOT_BETTER)
 
 
@@ -149,17 +144,17 @@ def rollback(
     refuse_outputs({"--json": json_}, [cell, state])
     place = TableCell.load(cell, seed, state)
 
-    async def work(store: TableStore, identity: Any) -> dict[str, Any]:
+    async def work(store: TableStore, identity: Identity) -> Pushed | RolledBack:
         with recorded(runs, identity.serial) as recorder:
             if to is not None:
                 return await push_recorded(store, identity, to, place, recorder)
-            after = await roll_back(store, await store.table_state(), recorder)
-            return {"serial": identity.serial, **state_of(after), "recorded": not recorder.failure}
+            return await rolled_back(store, identity.serial, await store.table_state(), recorder)
 
     with adding("nothing was written"):
         result = place.carry_out(work)
     _warn_without_memory(place)
-    show_result(json_, result, in_force_words(result) if to is not None else state_words(result))
+    words = in_force_words(result) if isinstance(result, Pushed) else state_words(result.serial, result)
+    show_result(json_, as_json(result), words)
 
 
 @app.command()

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, final
 
 import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
 from cellctl.cli.exit_codes import Exit
+from cellctl.devices import ControllerTable, Identity, TableState, TableStore
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile
-from cellctl.operations.table import TableCell, TableRecorder, controller_table, differences, state_of
+from cellctl.operations.results import as_json
+from cellctl.operations.table import TableCell, TableRecorder, controller_table, differences
 from cellctl.operations.table_diff import ComparedTable, TableDifference, table_difference
 from cellctl.operations.table_history import (
     Entry,
@@ -67,7 +70,7 @@ def history(
     """
     refuse_outputs({"--json": json_}, [cell, state])
     reported = _reported(cell, serial, seed, state) if cell else None
-    wanted = reported["serial"] if reported else serial
+    wanted = reported.serial if reported else serial
     known = histories(runs)
     shown = [_one(each, reported, quiet=json_ == "-") for each in ([TableHistory(runs, wanted)] if wanted else known)]
     if not known:
@@ -79,26 +82,35 @@ def history(
         raise typer.Exit(Exit.NOT_BETTER)
 
 
-def _reported(cell: Path, serial: str | None, seed: int | None, state: Path | None) -> dict[str, Any]:
-    """The serial and the tables that the cell's controller reports. Raises InputError if it is not `serial`."""
+@final
+@dataclass(frozen=True, slots=True)
+class _Reported:
+    """The tables that a controller reports."""
 
-    async def work(store: Any, identity: Any) -> dict[str, Any]:
-        return {"serial": identity.serial, "state": await store.table_state()}
+    serial: str
+    state: TableState
+
+
+def _reported(cell: Path, serial: str | None, seed: int | None, state: Path | None) -> _Reported:
+    """What the cell's controller reports. Raises InputError if its serial is not `serial`."""
+
+    async def work(store: TableStore, identity: Identity) -> _Reported:
+        return _Reported(identity.serial, await store.table_state())
 
     place = TableCell.load(cell, seed, state)
     found = place.carry_out(work)
     if place.cell.simulated and state is None:
         typer.echo("cellctl: a simulated controller starts without tables: --state FILE is its memory", err=True)
-    if serial not in (None, found["serial"]):
-        what = f"is not the serial of this cell's controller, '{found['serial']}'"
+    if serial not in (None, found.serial):
+        what = f"is not the serial of this cell's controller, '{found.serial}'"
         raise InputError(Problem(f"--serial {serial}", 0, 0, what, "leave out --serial or --cell"))
     return found
 
 
-def _one(history: TableHistory, reported: dict[str, Any] | None, *, quiet: bool) -> dict[str, Any]:
+def _one(history: TableHistory, reported: _Reported | None, *, quiet: bool) -> dict[str, Any]:
     """Show the history of one controller; its JSON."""
     entries, problems = history.read()
-    difference = difference_from_controller(entries, reported["state"]) if reported else ""
+    difference = difference_from_controller(entries, reported.state) if reported else ""
     for problem in problems:
         typer.echo(f"cellctl: {problem}", err=True)
     if not quiet:
@@ -107,9 +119,9 @@ def _one(history: TableHistory, reported: dict[str, Any] | None, *, quiet: bool)
             typer.echo(_compared_with_controller(difference))
     return {
         "serial": history.serial,
-        "changes": [entry.to_json() for entry in reversed(entries)],
+        "changes": [as_json(entry.shown) for entry in reversed(entries)],
         "unreadable": [f"{problem.file}:{problem.line}" for problem in problems],
-        "controller": state_of(reported["state"]) if reported else None,
+        "controller": as_json(reported.state) if reported else None,
         "difference": difference or None,
     }
 
@@ -184,7 +196,7 @@ def diff(
     place = TableCell.load(cell, seed, state) if cell else None
     file = RobotFile.load(robot) if robot else place.robot if place else None
     found = table_difference(_compared_table(a, place, runs), _compared_table(b, place, runs), file)
-    show_result(json_, found.to_json(), "\n".join(_words(found)))
+    show_result(json_, as_json(found), "\n".join(_words(found)))
     if not found.same:
         raise typer.Exit(Exit.NOT_BETTER)
 
@@ -203,7 +215,7 @@ def _compared_table(name: Path, place: TableCell | None, runs: Path) -> Compared
 def _active(place: TableCell, runs: Path) -> ComparedTable:
     """The table in force: with its file's facts if the history has it and the controller has the same rows."""
 
-    async def work(store: Any, identity: Any) -> Any:
+    async def work(store: TableStore, identity: Identity) -> tuple[str, ControllerTable | None]:
         return identity.serial, await store.read_table()
 
     serial, found = place.carry_out(work)
@@ -224,7 +236,7 @@ def _words(found: TableDifference) -> list[str]:
     if found.same:
         return [f"{names} are the same: {found.matched} rows."]
     lines = [f"{names} differ."]
-    lines += [f"  {name:13} {_value(pair[0])} → {_value(pair[1])}" for name, pair in found.facts.items()]
+    lines += [f"  {name:13} {_value(pair.a)} → {_value(pair.b)}" for name, pair in found.facts.items()]
     return [*lines, *_changes(found), *_only(found)]
 
 

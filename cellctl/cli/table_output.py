@@ -6,25 +6,26 @@ from pathlib import Path
 from typing import Any
 
 from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout
+from cellctl.devices import TableState
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import TableFile
 from cellctl.formats.table import JOINT_DECIMALS
 from cellctl.formats.table_export import krl_module, module_name, nominal_name, targets_csv
 from cellctl.formats.table_making import table_figures
+from cellctl.operations.table import Pushed, RolledBack
 
 
-def state_words(state: dict[str, Any]) -> str:
+def state_words(serial: str, state: TableState | RolledBack) -> str:
     """The tables of controller `serial`, one line each."""
-    lines = [f"Controller {state['serial']}:"]
-    for name, words in (("active", "in force"), ("previous", "before it"), ("staged", "staged")):
-        info = state[name]
-        lines.append(f"  {words:9}  " + (f"{info['id'][:12]}, {info['rows']} rows" if info else "none"))
+    lines = [f"Controller {serial}:"]
+    for info, words in ((state.active, "in force"), (state.previous, "before it"), (state.staged, "staged")):
+        lines.append(f"  {words:9}  " + (f"{info.id[:12]}, {info.rows} rows" if info else "none"))
     return "\n".join(lines)
 
 
-def in_force_words(pushed: dict[str, Any]) -> str:
+def in_force_words(pushed: Pushed) -> str:
     """The result of a push."""
-    return f"Table {pushed['id'][:12]} is in force on {pushed['serial']}: {pushed['rows']} rows, read back."
+    return f"Table {pushed.id[:12]} is in force on {pushed.serial}: {pushed.rows} rows, read back."
 
 
 def table_words(table: TableFile) -> str:

@@ -23,10 +23,11 @@ from cellctl.journal import OperatorAction, writer_of
 from cellctl.operations.cell_state import examine_cell
 from cellctl.operations.export import Form
 from cellctl.operations.failure import Failure
+from cellctl.operations.results import as_json, from_json
 from cellctl.operations.run_control import RunOrder, act, resume_detached, start_detached
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, run_named
 from cellctl.operations.run_list import RunRow, run_rows
-from cellctl.operations.table_actions import Action, TableRequest, refuse_confirmation
+from cellctl.operations.table_actions import Action, TableLook, TableRequest, refuse_confirmation
 
 _tasks: set[asyncio.Task[None]] = set()
 
@@ -223,7 +224,7 @@ async def _start(operator: Operator, operation: str, title: str, request: TableR
         if busy := why_busy(request.cell):
             raise InputError(busy)
         change, jobs = _change(request), console().jobs
-        return jobs.start(title, operation, own.to_json(), operator.name, target=change, computes=False)
+        return jobs.start(title, operation, as_json(own), operator.name, target=change, computes=False)
 
     name = "table look" if operation == LOOK else f"table {request.action}"
     return await command_job(operator, name, request.table[:12] or request.cell.stem, start, **_details(request))
@@ -245,7 +246,8 @@ def _refuse_unconfirmed(request: TableRequest) -> None:
     shown = next((job.result for job in reversed(looks) if job.target == _change(request)), None)
     if shown is None:
         raise InputError(Problem("controller", 0, 0, "was not looked at for this change", "look at it first"))
-    refuse_confirmation(request.confirmed, shown["serial"], shown["target"] or "")
+    look = from_json(TableLook, shown)
+    refuse_confirmation(request.confirmed, look.serial, look.target or "")
 
 
 def _change(request: TableRequest) -> str:

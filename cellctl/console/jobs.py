@@ -16,6 +16,7 @@ from typing import IO, Any, Literal, TypeAlias, final
 
 from cellctl.clock import calendar_time
 from cellctl.operations.failure import ABORTED, Failure
+from cellctl.operations.results import as_json, from_json
 from cellctl.operations.worker import WORKER
 
 State: TypeAlias = Literal["waiting", "running", "done", "failed", "cancelled"]
@@ -108,7 +109,7 @@ class Job:
             "share": self.share,
             "lines": list(self.lines),
             "result": self.result,
-            "failure": self.failure.to_json() if self.failure else None,
+            "failure": as_json(self.failure) if self.failure else None,
         }
 
     async def _follow(self, worker: Sequence[str], request: Mapping[str, Any]) -> None:
@@ -145,7 +146,7 @@ class Job:
                 case {"result": result}:
                     self.result, self.share = result, 1.0
                 case {"failure": failure}:
-                    self.failure = Failure.from_json(failure)
+                    self.failure = from_json(Failure, failure)
                 case {"doing": doing, "share": share}:
                     self.doing, self.share = doing, max(share, self.share)
                 case {"line": line}:

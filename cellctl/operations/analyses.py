@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -21,8 +21,9 @@ from cellctl.operations.exporting import ExportOptions, exported, model_source, 
 from cellctl.operations.failure import ABORTED, MEANINGS, Failure
 from cellctl.operations.fit_options import Asked, Judging
 from cellctl.operations.fitting import FitInput, fit_rows
-from cellctl.operations.robot_suggestion import doubt_of, suggest_robots
-from cellctl.operations.understanding import read_data, understand
+from cellctl.operations.results import as_json, from_json
+from cellctl.operations.robot_suggestion import Suggestions, doubt_of, suggest_robots
+from cellctl.operations.understanding import Understood, read_data, understand
 from cellctl.pendant_import import choices
 
 Role: TypeAlias = Literal["data", "positions", "robot", "artefact"]
@@ -87,7 +88,6 @@ class FitSettings:
         return Judging(self.holdout, self.folds, None, self.by, self.seed)
 
 
-@final
 @dataclass(frozen=True)
 class Analysis:
     """The record of an analysis. data, positions, artefact, robot: names of files in its folder, empty for none.
@@ -131,18 +131,51 @@ class Analysis:
 @final
 @dataclass(frozen=True)
 class Outcome:
-    """How a fit ended. code: exit code of `cellctl fit`; state: `done`, `failed` or `cancelled`."""
+    """How a fit ended. code: exit code of `cellctl fit`, and its meaning."""
 
-    state: str
+    state: Literal["done", "failed", "cancelled"]
     code: int
-    verdict: str = ""
-    sentence: str = ""
-    failure: Mapping[str, Any] | None = None
-    notes: tuple[str, ...] = ()
+    verdict: str
+    sentence: str
+    failure: Failure | None
+    notes: tuple[str, ...]
+    meaning: str
 
-    def to_json(self) -> dict[str, Any]:
-        """With the meaning of the exit code."""
-        return {**asdict(self), "meaning": MEANINGS[self.code]}
+    @classmethod
+    def of(cls, verdict: str, sentence: str, notes: tuple[str, ...]) -> Self:
+        """Of a fit that was done."""
+        code = 0 if verdict == "better" else 1
+        return cls("done", code, verdict, sentence, None, notes, MEANINGS[code])
+
+    @classmethod
+    def without_a_fit(cls, state: Literal["failed", "cancelled"], code: int, failure: Failure | None = None) -> Self:
+        """Of a fit that failed or was cancelled."""
+        return cls(state, code, "", "", failure, (), MEANINGS[code])
+
+
+@final
+@dataclass(frozen=True)
+class AnalysisState(Analysis):
+    """The record of an analysis, its state, how its fit ended, and the files that can be downloaded.
+
+    process: that fits now. programs: see `programs`.
+    """
+
+    state: Literal["new", "running", "done", "failed", "cancelled", "cut off"] = "new"
+    process: int | None = None
+    outcome: Outcome | None = None
+    files: Sequence[str] = ()
+    programs: Sequence[dict[str, Any]] = ()
+
+
+@final
+@dataclass(frozen=True)
+class Understanding:
+    """What the data of an analysis are understood as. doubt: why they are hardly of the robot, empty without one."""
+
+    data: Understood
+    doubt: str
+    suggestions: Suggestions | None
 
 
 def safe_name(name: str, default: str = "file") -> str:
@@ -186,29 +219,40 @@ def analysis_folder(runs: Path, name: str) -> Path:
     return folder
 
 
-def analyses(runs: Path) -> list[dict[str, Any]]:
-    """All analyses, the newest first: record, state, verdict and sentence."""
+def analyses(runs: Path) -> list[AnalysisState]:
+    """All analyses, the newest first."""
     records = (runs / FOLDER).glob(f"*/{RECORD}")
     found = [state_of(record.parent) for record in records]
-    return sorted(found, key=lambda each: (each["created"], each["name"]), reverse=True)
+    return sorted(found, key=lambda each: (each.created, each.name), reverse=True)
 
 
-def state_of(folder: Path) -> dict[str, Any]:
-    """The record of an analysis, its `state` (`new`, `running`, `done`, `failed`, `cancelled`, `cut off`), how its fit
-    ended (`outcome`), and the files that can be downloaded. Raises InputError.
-    """
-    record, outcome = Analysis.load(folder), read_json(folder / OUTCOME)
+def state_of(folder: Path) -> AnalysisState:
+    """The state of an analysis. Raises InputError."""
+    record, content = Analysis.load(folder), read_json(folder / OUTCOME)
+    outcome = from_json(Outcome, content) if content else None
     running = lock_holder(folder / LOCK)
     begun = (folder / LOG).exists()
-    state = "running" if running else outcome["state"] if outcome else "cut off" if begun else "new"
-    return {
-        **asdict(record),
-        "state": state,
-        "process": int(running.pid) if running else None,
-        "outcome": outcome if not running else None,
-        "files": [name for name in RESULTS if (folder / name).is_file()] if not running else [],
-        "programs": programs(folder),
-    }
+    return AnalysisState(
+        **vars(record),
+        state="running" if running else outcome.state if outcome else "cut off" if begun else "new",
+        process=int(running.pid) if running else None,
+        outcome=outcome if not running else None,
+        files=[name for name in RESULTS if (folder / name).is_file()] if not running else [],
+        programs=programs(folder),
+    )
+
+
+def understanding(folder: Path) -> Understanding | None:
+    """What the data of an analysis are understood as; None where they have not been read."""
+    content = read_json(folder / UNDERSTOOD)
+    if not content:
+        return None
+    suggestions = content.get("suggestions")
+    return Understanding(
+        from_json(Understood, content),
+        content.get("doubt", ""),
+        from_json(Suggestions, suggestions) if suggestions else None,
+    )
 
 
 def set_robot(folder: Path, library_name: str = "", file: str = "") -> Analysis:
@@ -270,7 +314,7 @@ def fit_analysis(folder: Path, settings: FitSettings, progress: Progress = silen
         replace(Analysis.load(folder), settings=settings).save(folder)
         with inside(folder), _kept_on_error():
             outcome = _fitted(_logged(Path(LOG), progress))
-            write_json(Path(OUTCOME), outcome.to_json())
+            write_json(Path(OUTCOME), as_json(outcome))
     finally:
         lock.release()
     return outcome
@@ -309,11 +353,11 @@ def _kept_on_error() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        write_json(Path(OUTCOME), Outcome("cancelled", ABORTED).to_json())
+        write_json(Path(OUTCOME), as_json(Outcome.without_a_fit("cancelled", ABORTED)))
         raise
     except Exception as error:
         failure = Failure.of(error)
-        write_json(Path(OUTCOME), Outcome("failed", failure.code, failure=failure.to_json()).to_json())
+        write_json(Path(OUTCOME), as_json(Outcome.without_a_fit("failed", failure.code, failure)))
         raise
 
 
@@ -331,8 +375,7 @@ def _fitted(progress: Progress) -> Outcome:
     model.save(Path(MODEL))
     write_atomically(Path(REPORT), found.page(record.library or record.robot, record.data))
     write_json(Path(FIT), found.report)
-    code = 0 if found.report["verdict"] == "better" else 1
-    return Outcome("done", code, found.report["verdict"], found.report["sentence"], notes=_urdf(model))
+    return Outcome.of(found.report["verdict"], found.report["sentence"], _urdf(model))
 
 
 def _urdf(model: Any) -> tuple[str, ...]:

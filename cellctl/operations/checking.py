@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, final
@@ -14,6 +14,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem, load_yaml
 from cellctl.installed import first_procedure, shipped
 from cellctl.operations.campaign import load_campaign
+from cellctl.operations.results import as_json, from_json
 from cellctl.operations.worker import OperationFailed, Tell, result_of
 from cellctl.procedure import (
     Confirm,
@@ -73,10 +74,6 @@ class Checked:
     warnings: tuple[Problem, ...] = ()
     cell: str = ""
     devices: tuple[str, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 def choices(kind: Literal["procedure", "cell"], named: Path | None = None) -> dict[str, FileChoice]:
@@ -151,17 +148,15 @@ async def check(procedure: Path, cell: Path | None, settings: Sequence[str], run
     """As `checked`, in a process of its own: it tries what the steps would refuse, which takes seconds."""
     request = {"procedure": str(procedure), "cell": str(cell or ""), "settings": list(settings), "runs": str(runs)}
     try:
-        found = await result_of("check", request)
+        return from_json(Checked, await result_of("check", request))
     except OperationFailed as error:
         return Checked(error.failure.problems)
-    problems, warnings = (tuple(Problem(**one) for one in found[name]) for name in ("problems", "warnings"))
-    return Checked(problems, warnings, found["cell"], tuple(found["devices"]))
 
 
 def check_requested(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """The operation of the worker: `procedure`, `cell`, `settings`, `runs` → all errors."""
     cell = Path(request["cell"]) if request["cell"] else None
-    return checked(Path(request["procedure"]), cell, request["settings"], Path(request["runs"])).to_json()
+    return as_json(checked(Path(request["procedure"]), cell, request["settings"], Path(request["runs"])))
 
 
 def line_of(problem: Problem) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Self, final
+from dataclasses import dataclass
+from typing import Self, final
 
 from cellctl.devices.errors import DeviceError, DeviceUncertain
 from cellctl.files import InputError, Problem
@@ -52,15 +52,6 @@ class Failure:
         """An error of the program itself."""
         cure = "try the same on the command line with --debug, and report the traceback"
         return cls(DEVICE_FAILED, (Problem("cellctl", 0, 0, f"internal error: {what}", cure),))
-
-    @classmethod
-    def from_json(cls, value: dict[str, Any]) -> Self:
-        """The inverse of `to_json`."""
-        return cls(value["code"], tuple(Problem(**each) for each in value["problems"]), value["note"])
-
-    def to_json(self) -> dict[str, Any]:
-        """For JSON: `code`, `problems` (file, line, column, what, cure), `note`."""
-        return {"code": self.code, "problems": [asdict(each) for each in self.problems], "note": self.note}
 
     def __str__(self) -> str:
         return "\n".join([*map(str, self.problems), *([self.note] if self.note else [])])

@@ -23,6 +23,7 @@ from cellctl.journal import JournalError, OperatorAction, RunState, fold, last_n
 from cellctl.journal.journal_file import FILE_NAME
 from cellctl.operations.cell_devices import refuse_in_use
 from cellctl.operations.failure import Failure
+from cellctl.operations.results import as_json, from_json
 from cellctl.operations.run_folder import FAILURE_NAME, OUTPUT_NAME, new_run_folder
 from cellctl.procedure import load_procedure
 
@@ -149,7 +150,7 @@ def _last(folder: Path) -> int:
 def _failure(folder: Path, process: subprocess.Popen[bytes]) -> Failure:
     """Why the process in `folder` ended before the run began, from the file that it left."""
     try:
-        return Failure.from_json(json.loads((folder / FAILURE_NAME).read_text(encoding="utf-8")))
+        return from_json(Failure, json.loads((folder / FAILURE_NAME).read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError):  # it was killed, or the disk is full
         return Failure.internal(f"the run's process ended with {process.returncode}; see {OUTPUT_NAME} in {folder}")
 
@@ -162,7 +163,7 @@ def failing_into(folder: Path | None) -> Iterator[None]:
     except Exception as error:
         if folder and folder.is_dir():
             with suppress(OSError):
-                write_atomically(folder / FAILURE_NAME, json.dumps(Failure.of(error).to_json()))
+                write_atomically(folder / FAILURE_NAME, json.dumps(as_json(Failure.of(error))))
         raise
 
 

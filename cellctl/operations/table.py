@@ -16,7 +16,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, TypeAlias, TypeVar, final
+from typing import Self, TypeAlias, TypeVar, final
 
 from cellctl.clock import calendar_time
 from cellctl.devices import (
@@ -319,6 +319,44 @@ class TableCell:
             yield found.device, found.identity
 
 
+@final
+@dataclass(frozen=True, slots=True)
+class Pushed:
+    """A table that was pushed and read back. recorded: whether the history could be written."""
+
+    id: str
+    serial: str
+    rows: int
+    pushed: bool
+    verified: bool
+    active: bool
+    recorded: bool
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class RolledBack:
+    """The tables of a controller after a rollback. recorded: whether the history could be written."""
+
+    serial: str
+    active: TableInfo | None
+    previous: TableInfo | None
+    staged: TableInfo | None
+    recorded: bool
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """The table in force, compared with a file. differences: as text; empty: all digits are equal."""
+
+    id: str
+    serial: str
+    rows: int
+    same: bool
+    differences: list[str]
+
+
 async def push_checked(
     store: TableStore,
     identity: Identity,
@@ -327,7 +365,7 @@ async def push_checked(
     place: TableCell,
     recorder: TableRecorder,
     action: Action = "push",
-) -> dict[str, Any]:
+) -> Pushed:
     """Push `table`, of `file`, to the connected controller `identity`, and read it back after its activation.
 
     Raises InputError with every reason against this controller (nothing is written then), DeviceError.
@@ -335,12 +373,12 @@ async def push_checked(
     refuse_table(table, file, identity, place.robot, place.cell.table_correction_deg)
     await push_verified(store, table, recorder, action)
     done = {"pushed": True, "verified": True, "active": True, "recorded": not recorder.failure}
-    return {"id": table.id, "serial": identity.serial, "rows": len(table.rows), **done}
+    return Pushed(table.id, identity.serial, len(table.rows), **done)
 
 
 async def push_recorded(
     store: TableStore, identity: Identity, word: str, place: TableCell, recorder: TableRecorder
-) -> dict[str, Any]:
+) -> Pushed:
     """`push_checked`, as a rollback, of the table in the recorder's history whose id begins with `word`.
 
     Raises InputError if there is none or more than one, or its copy has changed; and what `push_checked` raises.
@@ -350,10 +388,16 @@ async def push_recorded(
     return await push_checked(store, identity, table, history.copy_of(table_id), place, recorder, "rollback")
 
 
-def state_of(state: TableState) -> dict[str, Any]:
-    """The tables of a controller, as JSON."""
-    named = {"active": state.active, "previous": state.previous, "staged": state.staged}
-    return {name: _info(info) for name, info in named.items()}
+async def rolled_back(store: TableStore, serial: str, state: TableState, recorder: TableRecorder) -> RolledBack:
+    """The tables of the controller `serial`, in `state` before, after `roll_back`."""
+    after = await roll_back(store, state, recorder)
+    return RolledBack(serial, after.active, after.previous, after.staged, not recorder.failure)
+
+
+async def verified(store: TableStore, serial: str, wanted: ControllerTable) -> Verified:
+    """The table in force on the controller `serial`, compared with `wanted`."""
+    found = differences(wanted, serial, await store.read_table())
+    return Verified(wanted.id, serial, len(wanted.rows), not found, found)
 
 
 def _table_keeper(cell: Cell, drivers: DriverRegistry) -> str:
@@ -366,7 +410,3 @@ def _table_keeper(cell: Cell, drivers: DriverRegistry) -> str:
         "has no device that keeps tables" if not names else f"has more than one that keeps tables: {', '.join(names)}"
     )
     raise InputError(cell.document.problem((), what, "one robot whose driver can push tables"))
-
-
-def _info(info: TableInfo | None) -> dict[str, Any] | None:
-    return None if info is None else {"id": info.id, "rows": info.rows, "checksum": info.checksum}

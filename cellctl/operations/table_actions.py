@@ -10,21 +10,24 @@ import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self, TypeAlias, final
+from typing import Literal, TypeAlias, final
 
-from cellctl.devices import Identity, TableState, TableStore
+from cellctl.devices import ControllerTable, Identity, TableInfo, TableState, TableStore
 from cellctl.files import InputError, Problem
 from cellctl.formats import TableFile, table_problems
 from cellctl.operations.cell_state import run_on
 from cellctl.operations.table import (
+    Pushed,
+    RolledBack,
     TableCell,
     TableRecorder,
+    Verified,
     active_id,
     controller_table,
     differences,
     push_checked,
-    roll_back,
-    state_of,
+    rolled_back,
+    verified,
 )
 from cellctl.operations.table_diff import ComparedTable, TableDifference, table_difference
 from cellctl.operations.table_history import TableHistory, difference_from_controller, short
@@ -55,50 +58,55 @@ class TableRequest:
     seen: str = ""
     confirmed: str = ""
 
-    @classmethod
-    def from_json(cls, request: dict[str, Any]) -> Self:
-        """The inverse of `to_json`."""
-        state = request["state"]
-        paths = {"cell": Path(request["cell"]), "runs": Path(request["runs"]), "state": Path(state) if state else None}
-        return cls(**{**request, **paths})
 
-    def to_json(self) -> dict[str, Any]:
-        """For a process of its own."""
-        paths = {"cell": str(self.cell), "runs": str(self.runs), "state": str(self.state) if self.state else None}
-        names = ("action", "table", "seed", "who", "seen", "confirmed")
-        return {**{name: getattr(self, name) for name in names}, **paths}
+@final
+@dataclass(frozen=True, slots=True)
+class TableLook:
+    """What an action would change. active, previous, staged: the controller's tables.
 
-
-def look(request: TableRequest) -> dict[str, Any]:
-    """Connect, and show what the action would change; changes nothing.
-
-    serial, simulated; active, previous, staged: the controller's tables; record: how they differ from the history;
-    target: id of the table that the action is about; refused: why it must not be pushed; difference: from the active
-    table to the target (as `cellctl table diff --json`), None where the rows of one are not known. Raises InputError,
-    DeviceError.
+    record: how they differ from the history; target: id of the table that the action is about; refused: why it must not
+    be pushed; difference: from the active table to the target, None where the rows of one are not known.
     """
+
+    serial: str
+    simulated: bool
+    active: TableInfo | None
+    previous: TableInfo | None
+    staged: TableInfo | None
+    record: str
+    target: str | None
+    refused: list[str]
+    difference: TableDifference | None
+
+
+Acted: TypeAlias = Pushed | RolledBack | Verified
+
+
+def look(request: TableRequest) -> TableLook:
+    """Connect, and show what the action would change; changes nothing. Raises InputError, DeviceError."""
     place = _place(request)
     target = _target(request)
 
-    async def work(store: TableStore, identity: Identity) -> dict[str, Any]:
+    async def work(store: TableStore, identity: Identity) -> TableLook:
         state, active = await store.table_state(), await store.read_table()
         history = TableHistory(request.runs, identity.serial)
         wanted = target or _previous(state, history)
-        found = _compared(active, wanted, history, place)
-        return {
-            "serial": identity.serial,
-            "simulated": identity.simulated,
-            **state_of(state),
-            "record": difference_from_controller(history.read()[0], state),
-            "target": wanted.id if wanted else state.previous.id if state.previous else None,
-            "refused": _refused(target, identity, place) if target else [],
-            "difference": found.to_json() if found else None,
-        }
+        return TableLook(
+            serial=identity.serial,
+            simulated=identity.simulated,
+            active=state.active,
+            previous=state.previous,
+            staged=state.staged,
+            record=difference_from_controller(history.read()[0], state),
+            target=wanted.id if wanted else state.previous.id if state.previous else None,
+            refused=_refused(target, identity, place) if target else [],
+            difference=_compared(active, wanted, history, place),
+        )
 
     return place.carry_out(work)
 
 
-def act(request: TableRequest) -> dict[str, Any]:
+def act(request: TableRequest) -> Acted:
     """Push, verify or roll back. Raises InputError (nothing was written), DeviceError."""
     place = _place(request)
     target = _target(request)
@@ -106,11 +114,11 @@ def act(request: TableRequest) -> dict[str, Any]:
     return place.carry_out(work(request, place, target))
 
 
-_Work: TypeAlias = Callable[[TableStore, Identity], Awaitable[dict[str, Any]]]
+_Work: TypeAlias = Callable[[TableStore, Identity], Awaitable[Acted]]
 
 
 def _push(request: TableRequest, place: TableCell, target: TableFile | None) -> _Work:
-    async def work(store: TableStore, identity: Identity) -> dict[str, Any]:
+    async def work(store: TableStore, identity: Identity) -> Acted:
         assert target is not None
         state = await store.table_state()
         _refuse_change(request, identity.serial, target.id, state)
@@ -126,23 +134,19 @@ def _rollback(request: TableRequest, place: TableCell, target: TableFile | None)
     if target is not None:
         return _push(request, place, target)
 
-    async def work(store: TableStore, identity: Identity) -> dict[str, Any]:
+    async def work(store: TableStore, identity: Identity) -> Acted:
         state = await store.table_state()
         _refuse_change(request, identity.serial, state.previous.id if state.previous else "", state)
         recorder = _recorder(request, identity.serial)
-        after = await roll_back(store, state, recorder)
-        return {"serial": identity.serial, **state_of(after), "recorded": not recorder.failure}
+        return await rolled_back(store, identity.serial, state, recorder)
 
     return work
 
 
 def _verify(request: TableRequest, place: TableCell, target: TableFile | None) -> _Work:
-    async def work(store: TableStore, identity: Identity) -> dict[str, Any]:
+    async def work(store: TableStore, identity: Identity) -> Acted:
         assert target is not None
-        wanted = controller_table(target)
-        found = differences(wanted, identity.serial, await store.read_table())
-        rows = len(wanted.rows)
-        return {"id": wanted.id, "serial": identity.serial, "rows": rows, "same": not found, "differences": found}
+        return await verified(store, identity.serial, controller_table(target))
 
     return work
 
@@ -223,7 +227,9 @@ def _previous(state: TableState, history: TableHistory) -> TableFile | None:
         return None
 
 
-def _compared(active: Any, wanted: TableFile | None, history: TableHistory, place: TableCell) -> TableDifference | None:
+def _compared(
+    active: ControllerTable | None, wanted: TableFile | None, history: TableHistory, place: TableCell
+) -> TableDifference | None:
     """The difference from the active table to the wanted one; None without one of them."""
     name = "the table in force"
     if active is None or wanted is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Self, final
 
 import numpy as np
@@ -70,42 +70,41 @@ class RowChange:
 
 @final
 @dataclass(frozen=True, slots=True)
+class NamedTable:
+    """A table as messages name it, and its id."""
+
+    name: str
+    id: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class FactPair:
+    """A fact of the tables a and b."""
+
+    a: Any
+    b: Any
+
+
+@final
+@dataclass(frozen=True, slots=True)
 class TableDifference:
-    """Difference of tables a and b. facts: name → the two values; matched: number of rows in both; only_a, only_b: rows
-    of one table alone, from 1.
+    """Difference of tables a and b. facts: those that differ; matched: number of rows in both.
+
+    max_change_deg, max_tcp_mm: largest change of a compensated reading and of a nominal TCP, None without a robot file;
+    only_a, only_b: rows of one table alone, from 1.
     """
 
-    a: ComparedTable
-    b: ComparedTable
-    facts: dict[str, tuple[Any, Any]]
+    a: NamedTable
+    b: NamedTable
+    same: bool
+    facts: dict[str, FactPair]
     matched: int
+    max_change_deg: float
+    max_tcp_mm: float | None
     changed: list[RowChange]
     only_a: list[int]
     only_b: list[int]
-
-    @property
-    def same(self) -> bool:
-        """Whether nothing differs."""
-        return not (self.facts or self.changed or self.only_a or self.only_b)
-
-    @property
-    def max_change_deg(self) -> float:
-        """The largest change of a compensated reading, deg."""
-        return max((row.change_deg for row in self.changed), default=0.0)
-
-    @property
-    def max_tcp_mm(self) -> float | None:
-        """The largest change of a nominal TCP, mm; None without a robot file."""
-        return max((row.tcp_mm for row in self.changed if row.tcp_mm is not None), default=None)
-
-    def to_json(self) -> dict[str, Any]:
-        """As `cellctl table diff --json` shows it."""
-        named = {key: {"name": one.name, "id": one.id} for key, one in (("a", self.a), ("b", self.b))}
-        facts = {name: {"a": a, "b": b} for name, (a, b) in self.facts.items()}
-        changed = [asdict(row) for row in self.changed]
-        most = {"max_change_deg": self.max_change_deg, "max_tcp_mm": self.max_tcp_mm}
-        rows = {"matched": self.matched, **most, "changed": changed, "only_a": self.only_a, "only_b": self.only_b}
-        return {**named, "same": self.same, "facts": facts, **rows}
 
 
 def table_difference(a: ComparedTable, b: ComparedTable, robot: RobotFile | None) -> TableDifference:
@@ -117,13 +116,34 @@ def table_difference(a: ComparedTable, b: ComparedTable, robot: RobotFile | None
         _refuse_robot(robot, a, b)
     facts = _facts(a, b)
     if a.nominal.shape[1] != b.nominal.shape[1]:
-        return TableDifference(a, b, facts, 0, [], _numbers(set(), a), _numbers(set(), b))
+        return _difference(a, b, facts, [], [])
     pairs = _matched(a, b)
     changed = _changes(a, b, pairs, robot)
     if not facts and not changed and a.id != b.id and len(pairs) == len(a.nominal) == len(b.nominal):
-        facts = {"id": (a.id, b.id)}
-    first, second = {i for i, _ in pairs}, {j for _, j in pairs}
-    return TableDifference(a, b, facts, len(pairs), changed, _numbers(first, a), _numbers(second, b))
+        facts = {"id": FactPair(a.id, b.id)}
+    return _difference(a, b, facts, pairs, changed)
+
+
+def _difference(
+    a: ComparedTable,
+    b: ComparedTable,
+    facts: dict[str, FactPair],
+    pairs: list[tuple[int, int]],
+    changed: list[RowChange],
+) -> TableDifference:
+    only_a, only_b = _numbers({row for row, _ in pairs}, a), _numbers({row for _, row in pairs}, b)
+    return TableDifference(
+        a=NamedTable(a.name, a.id),
+        b=NamedTable(b.name, b.id),
+        same=not (facts or changed or only_a or only_b),
+        facts=facts,
+        matched=len(pairs),
+        max_change_deg=max((row.change_deg for row in changed), default=0.0),
+        max_tcp_mm=max((row.tcp_mm for row in changed if row.tcp_mm is not None), default=None),
+        changed=changed,
+        only_a=only_a,
+        only_b=only_b,
+    )
 
 
 def _refuse_robot(robot: RobotFile, *tables: ComparedTable) -> None:
@@ -140,7 +160,7 @@ def _refuse_robot(robot: RobotFile, *tables: ComparedTable) -> None:
         raise InputError(problems)
 
 
-def _facts(a: ComparedTable, b: ComparedTable) -> dict[str, tuple[Any, Any]]:
+def _facts(a: ComparedTable, b: ComparedTable) -> dict[str, FactPair]:
     """Facts that differ; those of a file only where both have one."""
     pairs: dict[str, tuple[Any, Any]] = {"serial": (a.serial, b.serial), "joints": (_joints(a), _joints(b))}
     if a.file and b.file:
@@ -148,7 +168,7 @@ def _facts(a: ComparedTable, b: ComparedTable) -> dict[str, tuple[Any, Any]]:
         ours, theirs = ({**part, **part["robot"], **part["source"]} for part in parts)
         names = ("name", "simulated", "tool", "payload", "run", "model_sha256", "method", "joint_region")
         pairs |= {name: (ours[name], theirs[name]) for name in names}
-    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+    return {name: FactPair(*pair) for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
 def _joints(table: ComparedTable) -> int:

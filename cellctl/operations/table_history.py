@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, final
+from typing import Annotated, Literal, TypeAlias, final
 from urllib.parse import quote, unquote
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -104,6 +104,32 @@ def read_line(text: bytes) -> Begin | End | Seen:
 
 
 @final
+@dataclass(frozen=True, slots=True)
+class TableChange:
+    """A change of the table in force, as it is shown. rows to source_run: of its table, None where they are not known.
+
+    state: see `Entry`; until, out_of_force: when and by what another table replaced it.
+    """
+
+    time: str
+    serial: str
+    action: Action
+    who: str
+    run: str | None
+    table: str | None
+    replaced: str | None
+    rows: int | None
+    max_correction_deg: float | None
+    model_sha256: str | None
+    method: str | None
+    source_run: str | None
+    state: str
+    until: str | None
+    out_of_force: str | None
+    reason: str | None
+
+
+@final
 @dataclass(slots=True)
 class Entry:
     """One change of the table in force. until: when another change ended it, `why_out`: by what."""
@@ -131,14 +157,28 @@ class Entry:
             self.result = "in force" if active == self.begin.table else "not in force"
             self.reason = f"{self.reason}; the controller reported later which table is in force"
 
-    def to_json(self) -> dict[str, Any]:
-        """As `cellctl table history --json` shows it."""
-        begin = self.begin.model_dump(exclude={"kind", "change", "facts", "reason"})
-        facts = self.begin.facts.model_dump() if self.begin.facts else dict.fromkeys(TableFacts.model_fields)
-        facts["source_run"] = facts.pop("run")
-        ends = {"state": self.state, "until": self.until, "out_of_force": self.why_out or None}
-        reason = "; ".join(text for text in (self.begin.reason, self.reason) if text)
-        return {**begin, **facts, **ends, "reason": reason or None}
+    @property
+    def shown(self) -> TableChange:
+        """With the facts of its table."""
+        begin, facts = self.begin, self.begin.facts
+        return TableChange(
+            time=begin.time,
+            serial=begin.serial,
+            action=begin.action,
+            who=begin.who,
+            run=begin.run,
+            table=begin.table,
+            replaced=begin.replaced,
+            rows=facts and facts.rows,
+            max_correction_deg=facts and facts.max_correction_deg,
+            model_sha256=facts and facts.model_sha256,
+            method=facts and facts.method,
+            source_run=facts and facts.run,
+            state=self.state,
+            until=self.until,
+            out_of_force=self.why_out or None,
+            reason="; ".join(text for text in (begin.reason, self.reason) if text) or None,
+        )
 
 
 def entries_of(lines: Iterable[Begin | End | Seen]) -> list[Entry]:
@@ -321,12 +361,39 @@ def _unreadable(file: Path, number: int, error: ValidationError) -> Problem:
 _TABLE = "table.json"
 
 
-def table_overview(runs: Path) -> list[dict[str, Any]]:
-    """Each controller with a history or a table of a run, with its tables, newest first.
+@final
+@dataclass(frozen=True, slots=True)
+class KnownTable:
+    """A table of which the file is here."""
 
-    `serial`; `changes` as `cellctl table history --json`; `unreadable` lines; `tables`: id, rows, created, method, run,
-    largest correction (deg).
-    """
+    id: str
+    rows: int
+    created: str
+    simulated: bool
+    robot: str
+    method: str
+    run: str | None
+    max_correction_deg: float
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ControllerTables:
+    """The changes of a controller's table in force and the tables for it, newest first; lines that cannot be read."""
+
+    serial: str
+    changes: list[TableChange]
+    unreadable: list[str]
+    tables: list[KnownTable]
+
+    @property
+    def in_force(self) -> str | None:
+        """The id of the table in force, as recorded; None for no table, or if it is not certain."""
+        return self.changes[0].table if self.changes and self.changes[0].state == "in force" else None
+
+
+def table_overview(runs: Path) -> list[ControllerTables]:
+    """Each controller with a history or a table of a run, with its tables."""
     files = _of_runs(runs)
     known = {history.serial: history for history in histories(runs)}
     serials = [*known, *sorted({file.robot.serial for file in files} - set(known))]
@@ -335,7 +402,7 @@ def table_overview(runs: Path) -> list[dict[str, Any]]:
     ]
 
 
-def _one(history: TableHistory, of_runs: list[TableFile]) -> dict[str, Any]:
+def _one(history: TableHistory, of_runs: list[TableFile]) -> ControllerTables:
     entries, problems = history.read()
     tables = {file.id: file for file in of_runs}
     for table_id in history.known():
@@ -343,26 +410,25 @@ def _one(history: TableHistory, of_runs: list[TableFile]) -> dict[str, Any]:
             tables.setdefault(table_id, history.table(table_id))
         except InputError:  # a table of which only the record is left
             continue
-    listed = sorted((_facts(file) for file in tables.values()), key=lambda facts: facts["created"], reverse=True)
-    return {
-        "serial": history.serial,
-        "changes": [entry.to_json() for entry in reversed(entries)],
-        "unreadable": [str(problem) for problem in problems],
-        "tables": listed,
-    }
+    return ControllerTables(
+        history.serial,
+        [entry.shown for entry in reversed(entries)],
+        [str(problem) for problem in problems],
+        sorted(map(_known_table, tables.values()), key=lambda table: table.created, reverse=True),
+    )
 
 
-def _facts(file: TableFile) -> dict[str, Any]:
-    return {
-        "id": file.id,
-        "rows": len(file.rows),
-        "created": file.created,
-        "simulated": file.simulated,
-        "robot": file.robot.name,
-        "method": file.source.method,
-        "run": file.source.run,
-        "max_correction_deg": file.max_correction_deg,
-    }
+def _known_table(file: TableFile) -> KnownTable:
+    return KnownTable(
+        id=file.id,
+        rows=len(file.rows),
+        created=file.created,
+        simulated=file.simulated,
+        robot=file.robot.name,
+        method=file.source.method,
+        run=file.source.run,
+        max_correction_deg=file.max_correction_deg,
+    )
 
 
 def _of_runs(runs: Path) -> list[TableFile]:

@@ -17,6 +17,7 @@ from importlib import import_module
 from typing import Any, TypeAlias
 
 from cellctl.operations.failure import ABORTED, Failure
+from cellctl.operations.results import as_json, from_json
 
 Tell: TypeAlias = Callable[[dict[str, Any]], None]
 Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
@@ -71,7 +72,7 @@ async def result_of(operation: str, request: Mapping[str, Any]) -> Any:
     if "result" in last:
         return last["result"]
     if "failure" in last:
-        raise OperationFailed(Failure.from_json(last["failure"]))
+        raise OperationFailed(from_json(Failure, last["failure"]))
     said = errors.decode(errors="replace").strip()
     raise OperationFailed(Failure.internal(f"the process ended with {process.returncode}: {said[-_MOST_WORDS:]}"))
 
@@ -87,11 +88,11 @@ def main(operations: Mapping[str, str] = OPERATIONS) -> int:
         operation: Operation = getattr(import_module(module), name)
         tell({"result": operation(request, tell)})
     except KeyboardInterrupt:
-        tell({"failure": Failure(ABORTED, ()).to_json()})
+        tell({"failure": as_json(Failure(ABORTED, ()))})
         return ABORTED
     except Exception as error:
         failure = Failure.of(error)
-        tell({"failure": failure.to_json()})
+        tell({"failure": as_json(failure)})
         return failure.code
     return 0
 

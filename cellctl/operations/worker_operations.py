@@ -14,6 +14,7 @@ from cellctl.operations.analyses import FitSettings, fit_analysis, understand_an
 from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis
 from cellctl.operations.export import Form, export_run
 from cellctl.operations.replay import replay_run
+from cellctl.operations.results import as_json, from_json
 from cellctl.operations.table_actions import TableRequest, act, look
 from cellctl.operations.worker import Tell
 from cellctl.report import write_report
@@ -26,7 +27,7 @@ def understand(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 
 def fit(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder`, `settings` → how the fit ended."""
-    return fit_analysis(Path(request["folder"]), FitSettings(**request["settings"]), _progress(tell)).to_json()
+    return as_json(fit_analysis(Path(request["folder"]), FitSettings(**request["settings"]), _progress(tell)))
 
 
 def compensate(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
@@ -62,10 +63,10 @@ def export(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 def look_at_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """What a `TableRequest` would change."""
     tell({"doing": "connecting to the controller", "share": 0.1})
-    return look(TableRequest.from_json(request))
+    return as_json(look(from_json(TableRequest, request)))
 
 
 def act_on_table(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Carry out a `TableRequest`."""
     tell({"doing": "connecting to the controller", "share": 0.1})
-    return act(TableRequest.from_json(request))
+    return as_json(act(from_json(TableRequest, request)))

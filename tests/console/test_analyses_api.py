@@ -16,6 +16,7 @@ from cellctl.console.shared import Settings
 from cellctl.journal.journal_file import WriterLock
 from cellctl.operations import analyses
 from cellctl.operations.exporting import ExportOptions, exported, read_source
+from cellctl.operations.results import as_json
 from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 
 INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
@@ -226,7 +227,7 @@ def test_a_console_started_again_shows_a_fit_that_still_runs_and_its_end(tmp_pat
     async def work(client: httpx.AsyncClient) -> tuple[str, dict[str, Any]]:
         before = (await client.get(f"/api/analyses/{folder.name}")).json()
         assert before["progress"] is not None
-        (folder / analyses.OUTCOME).write_text('{"state": "done", "verdict": "better"}')
+        analyses.write_json(folder / analyses.OUTCOME, as_json(analyses.Outcome.of("better", "", ())))
         of_another_process.release()
         while (state := (await client.get(f"/api/analyses/{folder.name}")).json())["progress"]:
             await asyncio.sleep(0.05)

@@ -43,9 +43,10 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_fit_gives_model_report_urdf_and_the_verdict_of_the_command_line(fitted: Path) -> None:
     state = analyses.state_of(fitted)
     report = json.loads((fitted / "fit.json").read_text())
-    assert (state["state"], state["outcome"]["verdict"]) == ("done", report["verdict"])
-    assert state["outcome"]["sentence"] == report["sentence"]
-    assert set(state["files"]) == {"model.json", "report.html", "robot.urdf", "fit.json"}
+    assert state.outcome
+    assert (state.state, state.outcome.verdict) == ("done", report["verdict"])
+    assert state.outcome.sentence == report["sentence"]
+    assert set(state.files) == {"model.json", "report.html", "robot.urdf", "fit.json"}
     assert ModelFile.load(fitted / "model.json").robot.name == "elbow arm"
 
 
@@ -54,7 +55,7 @@ def test_an_analysis_is_listed_with_its_state_the_newest_first(fitted: Path) -> 
     newer, _ = analyses.new_analysis(runs, "Ada", "zz.csv")
     try:
         found = analyses.analyses(runs)
-        assert [(each["name"], each["state"]) for each in found] == [(newer.name, "new"), (fitted.name, "done")]
+        assert [(each.name, each.state) for each in found] == [(newer.name, "new"), (fitted.name, "done")]
     finally:
         shutil.rmtree(newer)
 
@@ -69,9 +70,11 @@ def test_a_refused_fit_keeps_its_problems_as_the_command_line_states_them(tmp_pa
     folder = started(tmp_path)
     with pytest.raises(InputError):
         analyses.fit_analysis(folder, FitSettings(holdout=2.0))
-    outcome = analyses.state_of(folder)["outcome"]
-    assert (outcome["state"], outcome["code"], outcome["meaning"]) == ("failed", 2, "the input is wrong")
-    assert outcome["failure"]["problems"][0]["what"] == "2 is no share"
+    outcome = analyses.state_of(folder).outcome
+    assert outcome
+    assert outcome.failure
+    assert (outcome.state, outcome.code, outcome.meaning) == ("failed", 2, "the input is wrong")
+    assert outcome.failure.problems[0].what == "2 is no share"
 
 
 def test_a_wrong_robot_file_is_refused_at_its_place(tmp_path: Path) -> None:
@@ -95,14 +98,14 @@ def test_errors_name_the_uploaded_file_without_its_folder(tmp_path: Path) -> Non
 def test_a_fit_that_was_killed_is_cut_off(tmp_path: Path) -> None:
     folder = started(tmp_path)
     (folder / analyses.LOG).touch()
-    assert analyses.state_of(folder)["state"] == "cut off"
+    assert analyses.state_of(folder).state == "cut off"
 
 
 def test_one_analysis_is_fitted_by_one_process(tmp_path: Path) -> None:
     folder = started(tmp_path)
     lock = WriterLock.take(folder / analyses.LOCK)
     try:
-        assert analyses.state_of(folder)["state"] == "running"
+        assert analyses.state_of(folder).state == "running"
         with pytest.raises(JournalError):
             analyses.fit_analysis(folder, FitSettings())
     finally:

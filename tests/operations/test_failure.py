@@ -13,6 +13,7 @@ from cellctl.devices.errors import DeviceError
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError
 from cellctl.operations.failure import Failure
+from cellctl.operations.results import as_json, from_json
 
 PROBLEMS = (Problem("data.csv", 0, 0, "is empty"), Problem("robot.yaml", 3, 7, "no such joint", "1 to 6"))
 KINDS = [each for each in vars(errors).values() if isinstance(each, type) and issubclass(each, DeviceError)]
@@ -67,9 +68,9 @@ def test_any_other_error_is_an_internal_one_with_its_class_and_how_to_report_it(
 
 def test_a_failure_comes_back_from_json_as_it_was() -> None:
     found = Failure(4, PROBLEMS, "stopped")
-    content = json.loads(json.dumps(found.to_json()))
+    content = json.loads(json.dumps(as_json(found)))
     assert (content["code"], content["note"]) == (4, "stopped")
     assert content["problems"][1] == {
         "file": "robot.yaml", "line": 3, "column": 7, "what": "no such joint", "cure": "1 to 6",
     }  # fmt: skip
-    assert Failure.from_json(content) == found
+    assert from_json(Failure, content) == found

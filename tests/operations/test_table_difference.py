@@ -9,7 +9,8 @@ from cellctl.devices import ControllerTable, TableRow
 from cellctl.files import InputError, parse_yaml
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import Row, TableRegion, TableRobot, TableSource
-from cellctl.operations.table_diff import ComparedTable, RowChange, table_difference
+from cellctl.operations.results import as_json
+from cellctl.operations.table_diff import ComparedTable, FactPair, RowChange, table_difference
 from cellctl.robot_file import Tool
 from tests.helpers.arms import ELBOW_ROBOT, ElbowArm
 
@@ -81,7 +82,7 @@ def test_the_tcp_of_each_table_is_that_of_its_own_tool() -> None:
     found = table_difference(table(first), table(second, tool=longer), ROBOT)
     far = float(np.linalg.norm(tcp(second.compensated, longer) - tcp(first.compensated, TOOL)))
     assert found.max_tcp_mm == pytest.approx(far, abs=1e-9)
-    assert found.facts["tool"][1]["xyz"] == list(longer)
+    assert found.facts["tool"].b["xyz"] == list(longer)
 
 
 def test_rows_with_another_target_are_of_one_table_alone_and_with_another_posture_alone_changed() -> None:
@@ -106,7 +107,7 @@ def test_rows_on_a_controller_are_found_by_their_nominal_joints() -> None:
     [change] = found.changed
     assert change == RowChange(2, 2, 1, pytest.approx(0.2), 0.0, pytest.approx(change.tcp_mm))
     assert (found.matched, found.only_a, found.only_b) == (1, [1], [1])
-    assert found.facts == {"serial": ("7", "8")}, "what only a file states is not compared"
+    assert found.facts == {"serial": FactPair("7", "8")}, "what only a file states is not compared"
 
 
 def test_what_the_files_state_otherwise_is_named_with_both_values() -> None:
@@ -114,8 +115,8 @@ def test_what_the_files_state_otherwise_is_named_with_both_values() -> None:
     found = table_difference(table(row(0)), table(row(0), source=source, simulated=True), None)
     method = ("pseudo-target", "newton-raphson")
     assert set(found.facts) == {"simulated", "run", "model_sha256", "method"}
-    assert (found.facts["method"], found.facts["simulated"]) == (method, (False, True))
-    assert found.to_json()["facts"]["run"] == {"a": None, "b": "r"}
+    assert (found.facts["method"], found.facts["simulated"]) == (FactPair(*method), FactPair(False, True))
+    assert as_json(found)["facts"]["run"] == {"a": None, "b": "r"}
     errors = table_difference(table(row(0)), table(row(0, sigma_mm=9.0)), None)
     assert (set(errors.facts), errors.changed) == ({"id"}, []), "predicted errors alone are a difference too"
 
@@ -124,7 +125,7 @@ def test_tables_of_robots_with_other_numbers_of_joints_share_no_row() -> None:
     four = {name: [0.0] * 4 for name in ("nominal", "compensated")}
     region = TableRegion(min=[-90.0] * 4, max=[90.0] * 4)
     found = table_difference(table(row(0), row(1)), table(row(0, **four), joint_region=region), None)
-    assert found.facts["joints"] == (3, 4)
+    assert found.facts["joints"] == FactPair(3, 4)
     assert (found.matched, found.only_a, found.only_b) == (0, [1, 2], [1])
 
 

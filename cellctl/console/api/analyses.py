@@ -18,6 +18,7 @@ from cellctl.console.commands import REPORT_CONTENT
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.operations import analyses
+from cellctl.operations.results import as_json
 from cellctl.operations.robot_library import robots
 
 router = APIRouter(prefix="/api", tags=["analyses"])
@@ -96,7 +97,7 @@ async def library() -> list[RobotName]:
 @router.get("/analyses")
 async def list_analyses() -> list[AnalysisOut]:
     """All analyses, the newest first: files, robot, state, outcome."""
-    return [AnalysisOut(**each) for each in await asyncio.to_thread(analyses.analyses, console().runs)]
+    return [AnalysisOut(**as_json(each)) for each in await asyncio.to_thread(analyses.analyses, console().runs)]
 
 
 @router.post("/analyses", status_code=201, responses=COMMANDS)
@@ -199,7 +200,7 @@ async def report(name: AnalysisName) -> FileResponse:
 async def download(name: AnalysisName, file: _FileName) -> FileResponse:
     """A file of the analysis: model.json, report.html, robot.urdf, fit.json, its data set or robot file."""
     state = await asyncio.to_thread(analyses.state_of, _folder(name))
-    if file not in (*state["files"], state["data"], state["dataset"], state["robot"]):
+    if file not in (*state.files, state.data, state.dataset, state.robot):
         raise Refused(404, f"there is no file '{file}' in this analysis", "GET the analysis: `files` lists them")
     return _download(_folder(name) / file, f"{name}-{file}" if file in analyses.RESULTS else file)
 
@@ -224,7 +225,7 @@ async def _state(name: str) -> AnalysisOut:
     understood = await asyncio.to_thread(analyses.read_json, folder / analyses.UNDERSTOOD)
     job = commands.job_of(name)
     progress = Progress(doing=job.doing, share=job.share, job=job.id) if job else None
-    return AnalysisOut(**state, understood=understood, progress=progress)
+    return AnalysisOut(**as_json(state), understood=understood, progress=progress)
 
 
 def _folder(name: str) -> Path:

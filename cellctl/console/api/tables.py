@@ -12,8 +12,9 @@ from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused
 from cellctl.console.api.runs import JobOut
 from cellctl.console.commands import request_for, start_action, start_look
 from cellctl.console.shared import console
+from cellctl.operations.results import as_json
 from cellctl.operations.table_actions import TableRequest, known_table
-from cellctl.operations.table_diff import ComparedTable, table_difference
+from cellctl.operations.table_diff import ComparedTable, TableDifference, table_difference
 from cellctl.operations.table_history import histories, table_overview
 
 router = APIRouter(prefix="/api/tables", tags=["tables"])
@@ -40,26 +41,26 @@ class TableConfirmed(TableAsked):
 @router.get("")
 async def list_tables() -> list[dict[str, Any]]:
     """The history of each controller: changes of the table in force, newest first, and the tables known for it."""
-    return await asyncio.to_thread(table_overview, console().runs)
+    return [as_json(each) for each in await asyncio.to_thread(table_overview, console().runs)]
 
 
 @router.get("/diff", responses=READS)
 async def diff(a: _Id, b: _Id) -> dict[str, Any]:
     """Difference of two tables, by their ids: facts, and rows with changed joints (deg)."""
 
-    def found() -> dict[str, Any]:
+    def found() -> TableDifference:
         tables = [ComparedTable.of_file(each[:12], known_table(console().runs, each)) for each in (a, b)]
-        return table_difference(tables[0], tables[1], None).to_json()
+        return table_difference(tables[0], tables[1], None)
 
-    return await asyncio.to_thread(found)
+    return as_json(await asyncio.to_thread(found))
 
 
 @router.get("/{serial}", responses=READS)
 async def history(serial: Annotated[str, Path(description="Serial number of the controller")]) -> dict[str, Any]:
     """The history of one controller."""
     for each in await asyncio.to_thread(table_overview, console().runs):
-        if each["serial"] == serial:
-            return each
+        if each.serial == serial:
+            return as_json(each)
     known = ", ".join(each.serial for each in histories(console().runs)) or "none"
     raise Refused(404, f"no table is recorded for controller '{serial[:80]}'", f"recorded controllers: {known}")
 

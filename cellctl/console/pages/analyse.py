@@ -21,7 +21,7 @@ from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.installed import shipped
 from cellctl.operations import analyses
-from cellctl.operations.analyses import roles
+from cellctl.operations.analyses import AnalysisState, Outcome, roles
 
 Handler = Callable[..., Any]
 
@@ -264,7 +264,7 @@ def _what_it_must_hold() -> None:
 class _List:
     """The analyses, read again when a job begins or ends."""
 
-    def __init__(self, found: list[dict[str, Any]]) -> None:
+    def __init__(self, found: list[AnalysisState]) -> None:
         self._found = found
         self._shown()
         follow_event(self._read, lambda changed: console().jobs.subscribe(lambda _: changed()), "analyses")
@@ -280,7 +280,7 @@ class _List:
         _table(self._found)
 
 
-def _table(found: list[dict[str, Any]]) -> None:
+def _table(found: list[AnalysisState]) -> None:
     if not found:
         ui.label("None yet.").classes("note")
         return
@@ -288,25 +288,23 @@ def _table(found: list[dict[str, Any]]) -> None:
     figures(columns, map(_row, found), label="Analyses")
 
 
-def _row(each: dict[str, Any]) -> list[Cell]:
-    outcome = each["outcome"] or {}
-    state, word = STATES[outcome.get("verdict") or each["state"]]
+def _row(each: AnalysisState) -> list[Cell]:
+    outcome = each.outcome
+    state, word = STATES[(outcome.verdict if outcome else "") or each.state]
     return [
-        lambda: ui.link(each["data"], f"/analyse/{each['name']}"),
-        each["library"] or each["robot"] or "–",
+        lambda: ui.link(each.data, f"/analyse/{each.name}"),
+        each.library or each.robot or "–",
         lambda: state_word(state, word),
-        result_words(outcome),
-        shown_time(each["created"]),
-        each["operator"],
+        result_words(outcome) if outcome else "",
+        shown_time(each.created),
+        each.operator,
     ]
 
 
-def result_words(outcome: dict[str, Any]) -> str:
+def result_words(outcome: Outcome) -> str:
     """The first sentence of a verdict, or the first problem."""
-    if outcome.get("sentence"):
-        return str(outcome["sentence"]).split(". ")[0]
-    problems = (outcome.get("failure") or {}).get("problems") or [{}]
-    return str(problems[0].get("what", ""))
+    problems = outcome.failure.problems if outcome.failure else ()
+    return outcome.sentence.split(". ")[0] or (problems[0].what if problems else "")
 
 
 async def _head(file: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, final
 
 from nicegui import events, ui
@@ -29,7 +30,7 @@ from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.installed import shipped
 from cellctl.operations import analyses
-from cellctl.operations.analyses import RESULTS, FitSettings
+from cellctl.operations.analyses import RESULTS, AnalysisState, FitSettings, Understanding
 from cellctl.report.figures import fixed
 
 MODELS = {
@@ -49,30 +50,40 @@ JUDGING = {
 _LISTED = 200
 
 
-def headline(state: dict[str, Any], *, busy: bool) -> None:
+@final
+@dataclass(frozen=True)
+class Shown:
+    """An analysis as its page shows it. figures: of the fit, as `cellctl fit --json` has them."""
+
+    state: AnalysisState
+    understood: Understanding | None
+    figures: dict[str, Any] | None
+
+
+def headline(shown: Shown, *, busy: bool) -> None:
     """The verdict in one sentence, and the figures before and after."""
-    outcome = state["outcome"] or {}
-    verdict = outcome.get("verdict")
+    state = shown.state
+    outcome, found = state.outcome, shown.understood
     if busy:
         state_word("working", "At work", large=True)
-    elif verdict:
-        first, _, rest = str(outcome["sentence"]).partition(". ")
-        kind, word = STATES[verdict]
+    elif outcome and outcome.verdict:
+        first, _, rest = outcome.sentence.partition(". ")
+        kind, word = STATES[outcome.verdict]
         state_word(kind, f"{word.capitalize()}. {first}.", large=True)
         with ui.element("div").classes("two"):
-            if state["figures"]:
-                _errors(state["figures"])
+            if shown.figures:
+                _errors(shown.figures)
             ui.label(rest.replace("Better than nominal. ", "")).classes("note").style("max-width: 50rem")
-    elif state["state"] == "new" and (state["understood"] or {}).get("problems"):
+    elif state.state == "new" and found and found.data.problems:
         state_word("bad", "The data and the robot file do not go together", large=True)
-    elif state["state"] == "new" and (state["understood"] or {}).get("doubt"):
+    elif state.state == "new" and found and found.doubt:
         state_word("warning", "Read, but hardly of this robot", large=True)
-    elif state["state"] == "new" and state["robot"]:
+    elif state.state == "new" and state.robot:
         state_word("good", "Read and understood: ready to fit", large=True)
-    elif state["state"] == "new":
+    elif state.state == "new":
         state_word("waiting", "Read: choose the robot", large=True)
     else:
-        kind, word = STATES[state["state"]]
+        kind, word = STATES[state.state]
         state_word(kind, word.capitalize(), large=True)
 
 
@@ -89,22 +100,22 @@ def _errors(found: dict[str, Any]) -> None:
     figures(columns, rows, label="Errors")
 
 
-def understood(state: dict[str, Any]) -> None:
+def understood(found: Understanding | None) -> None:
     """What the data were understood as; problems, rejected rows, decisions of an import."""
-    found = state["understood"]
     with section("What was understood"):
         if found is None:
             ui.label("Not read yet.").classes("note")
             return
-        facts([(name, value) for name, value in found["facts"]])
-        if found.get("doubt"):
-            state_word("warning", found["doubt"]).label.style("white-space: normal")
-        if found["problems"]:
-            problem_list(Problem(**each) for each in found["problems"])
-            if found["note"]:
-                ui.label(found["note"]).classes("note")
-        _listed("How the files were read", found["decided"])
-        rejected = [f"{row.get('file', found['file'])}:{row['line']}: {row['reason']}" for row in found["rejected"]]
+        data = found.data
+        facts(list(data.words()))
+        if found.doubt:
+            state_word("warning", found.doubt).label.style("white-space: normal")
+        if data.problems:
+            problem_list(data.problems)
+            if data.note:
+                ui.label(data.note).classes("note")
+        _listed("How the files were read", data.decided)
+        rejected = [f"{row.get('file', data.file)}:{row['line']}: {row['reason']}" for row in data.rejected]
         _listed(f"Rows that cannot be used: {len(rejected)}", rejected)
 
 
@@ -123,24 +134,24 @@ def _listed(title: str, lines: Sequence[str]) -> None:
                 ui.label(f"… and {len(lines) - _LISTED} more")
 
 
-def robot_choice(state: dict[str, Any], choose: Callable[[str], Awaitable[None]], *, enabled: bool) -> None:
+def robot_choice(shown: Shown, choose: Callable[[str], Awaitable[None]], *, enabled: bool) -> None:
     """The robot of the library with search, and the suggestion."""
-    found = (state["understood"] or {}).get("suggestions")
-    titles = {each["name"]: f"{each['robot']} ({each['name']})" for each in (found or {}).get("robots", ())}
+    state, found = shown.state, shown.understood.suggestions if shown.understood else None
+    titles = {each.name: f"{each.robot} ({each.name})" for each in (found.robots if found else ())}
     options = {**{name: titles[name] for name in titles}, **{name: titles.get(name, name) for name in shipped("robot")}}
     label = "Robot of the library (type to search)"
-    if state["robot"] and not state["library"]:
-        ui.label(f"Own robot file: {state['robot']}")
+    if state.robot and not state.library:
+        ui.label(f"Own robot file: {state.robot}")
         label = f"{label} in its place"
 
     async def chosen(event: Any) -> None:
-        if event.value and event.value != state["library"]:
+        if event.value and event.value != state.library:
             await choose(event.value)
 
-    field = ui.select(options, label=label, with_input=True, value=state["library"] or None, on_change=chosen)
+    field = ui.select(options, label=label, with_input=True, value=state.library or None, on_change=chosen)
     field.props("outlined dense").style("max-width: 28rem").set_enabled(enabled)
     if found:
-        ui.label(found["sentence"]).classes("note")
+        ui.label(found.words).classes("note")
 
 
 @final
@@ -195,17 +206,17 @@ class ProgramOptions:
         return {**texts, "arm_only": bool(self._arm.value), "insert": bool(self._insert.value)}
 
 
-def downloads(state: dict[str, Any]) -> None:
+def downloads(state: AnalysisState) -> None:
     """Links to the results, and what a URDF cannot hold."""
     with ui.element("div").classes("row"):
-        for file in state["files"]:
+        for file in state.files:
             link_button(f"Download {RESULTS[file]}", _file(state, file), icon="download", download=True)
-        link_button("Download data set", _file(state, state["dataset"]), icon="download", download=True)
-    for note in (state["outcome"] or {}).get("notes", ()):
+        link_button("Download data set", _file(state, state.dataset), icon="download", download=True)
+    for note in state.outcome.notes if state.outcome else ():
         ui.label(note).classes("note")
 
 
-def programs(state: dict[str, Any], field: Callable[[], None]) -> None:
+def programs(state: AnalysisState, field: Callable[[], None]) -> None:
     """A field for a program, and the programs compensated so far."""
     with section("Compensate a program"):
         ui.label(
@@ -214,23 +225,23 @@ def programs(state: dict[str, Any], field: Callable[[], None]) -> None:
             "hand with this robot contain its error already."
         ).classes("note").style("max-width: 60rem")
         field()
-        if state["programs"]:
+        if state.programs:
             columns = [*words("Program"), *numbers("points", "left as they were", "predicted before, mean, mm")]
             columns += [*numbers("after, mean, mm", "after, max, mm"), *words("Download")]
-            figures(columns, [_program(state, each) for each in reversed(state["programs"])], label="Programs")
+            figures(columns, [_program(state, each) for each in reversed(state.programs)], label="Programs")
             left = [
                 f"{one['file']}:{one['line']}: {one['name']}: {one['reason']}"
-                for each in state["programs"]
+                for each in state.programs
                 for one in each["left"]
             ]
             _listed(f"Points left as they were: {len(left)}", left)
 
 
-def _program(state: dict[str, Any], each: dict[str, Any]) -> list[Cell]:
+def _program(state: AnalysisState, each: dict[str, Any]) -> list[Cell]:
     def files() -> None:
         with ui.element("div").classes("row"):
             for file in each["files"]:
-                place = f"/api/analyses/{state['name']}/programs/{each['id']}/{file}"
+                place = f"/api/analyses/{state.name}/programs/{each['id']}/{file}"
                 link_button(file, place, icon="download", download=True)
 
     before, after = (each.get(f"{key}_mm") or each[f"predicted_{key}_mm"] for key in ("before", "after"))
@@ -238,16 +249,16 @@ def _program(state: dict[str, Any], each: dict[str, Any]) -> list[Cell]:
     return [each["name"], *counts, *map(fixed, (before["mean"], after["mean"], after["max"])), files]
 
 
-def report(state: dict[str, Any]) -> None:
+def report(state: AnalysisState) -> None:
     """The report of the fit in a frame."""
-    place = f"/api/analyses/{state['name']}/report"
+    place = f"/api/analyses/{state.name}/report"
     with section("Report"):
         ui.link("Open it alone, to print it", place, new_tab=True)
         ui.element("iframe").props(f'src="{place}" title="Report of the fit"').classes("report-frame")
 
 
-def _file(state: dict[str, Any], file: str) -> str:
-    return f"/api/analyses/{state['name']}/files/{file}"
+def _file(state: AnalysisState, file: str) -> str:
+    return f"/api/analyses/{state.name}/files/{file}"
 
 
 def _with(options: dict[str, str], value: str) -> dict[str, str]:
@@ -259,21 +270,21 @@ def _with(options: dict[str, str], value: str) -> dict[str, str]:
 async def analyse_one(name: str) -> None:
     """One analysis."""
     try:
-        state = await asyncio.to_thread(_read, name)
+        shown = await asyncio.to_thread(_read, name)
     except InputError as error:
         with frame("Analysis", "/analyse"):
             problem_list(error.problems)
             ui.link("All analyses", "/analyse")
         return
-    with frame(state["data"], "/analyse"):
-        _Page(name, state)
+    with frame(shown.state.data, "/analyse"):
+        _Page(name, shown)
 
 
-def _read(name: str) -> dict[str, Any]:
+def _read(name: str) -> Shown:
     """State, understanding and figures of an analysis. Raises InputError."""
     folder = analyses.analysis_folder(console().runs, name)
-    parts = {"understood": analyses.UNDERSTOOD, "figures": analyses.FIT}
-    return {**analyses.state_of(folder), **{key: analyses.read_json(folder / file) for key, file in parts.items()}}
+    figures = analyses.read_json(folder / analyses.FIT)
+    return Shown(analyses.state_of(folder), analyses.understanding(folder), figures)
 
 
 def _nothing() -> None:
@@ -284,8 +295,8 @@ def _nothing() -> None:
 class _Page:
     """Follows the jobs of an analysis: progress at once, everything else anew when a job begins or ends."""
 
-    def __init__(self, name: str, state: dict[str, Any]) -> None:
-        self._name, self._state = name, state
+    def __init__(self, name: str, shown: Shown) -> None:
+        self._name, self._shown = name, shown
         self._job = commands.job_of(name)
         self._shown_job = self._job
         self._problems = ui.element("div").classes("when-filled")
@@ -324,7 +335,7 @@ class _Page:
 
     async def _anew(self) -> None:
         try:
-            self._state = await asyncio.to_thread(_read, self._name)
+            self._shown = await asyncio.to_thread(_read, self._name)
         except InputError:
             return  # deleted by another operator
         self._content.refresh()
@@ -337,17 +348,17 @@ class _Page:
 
     @ui.refreshable_method
     def _content(self) -> None:
-        state = self._state
-        headline(state, busy=self._job is not None)
+        shown, state = self._shown, self._shown.state
+        headline(shown, busy=self._job is not None)
         self._progress()
-        if state["outcome"] and state["outcome"]["failure"]:
-            problem_list(Problem(**each) for each in state["outcome"]["failure"]["problems"])
-        if state["files"]:
+        if state.outcome and state.outcome.failure:
+            problem_list(state.outcome.failure.problems)
+        if state.files:
             downloads(state)
         with ui.element("div").classes("two"):
-            understood(state)
-            self._choices(state)
-        if analyses.MODEL in state["files"]:
+            understood(shown.understood)
+            self._choices(shown)
+        if analyses.MODEL in state.files:
             programs(state, self._compensate_field)
             report(state)
         with ui.element("div").classes("row"):
@@ -360,19 +371,20 @@ class _Page:
         row.set_visibility(self._job is not None)
         self._show_progress()
 
-    def _choices(self, state: dict[str, Any]) -> None:
+    def _choices(self, shown: Shown) -> None:
+        state = shown.state
         busy = self._job is not None
         with section("Robot and fit"):
-            robot_choice(state, self._choose_robot, enabled=not busy)
+            robot_choice(shown, self._choose_robot, enabled=not busy)
             with ui.element("div").classes("row") as own:
                 upload_button("Own robot file or URDF", self._robot_file, self._too_large)
                 self._repeatability = ui.input(REPEATABILITY).props("outlined dense").style("min-width: 19rem")
             own.set_visibility(not busy)
-            self._options = Options(FitSettings(**state["settings"]))
+            self._options = Options(state.settings)
             with ui.element("div").classes("row"):
-                label = "Fit again" if state["outcome"] else "Fit"
+                label = "Fit again" if state.outcome else "Fit"
                 fit = command_button(label, lambda: with_operator(self._fit), icon="play_arrow", important=not busy)
-                fit.set_enabled(bool(state["robot"]) and not busy)
+                fit.set_enabled(bool(state.robot) and not busy)
                 if busy:
                     command_button("Cancel", lambda: with_operator(self._cancel), icon="close")
 
@@ -402,7 +414,7 @@ class _Page:
 
     def _ask_delete(self) -> None:
         with ui.dialog() as dialog, ui.card():
-            ui.label(f"Delete {self._state['data']} and all results?").classes("section-title")
+            ui.label(f"Delete {self._shown.state.data} and all results?").classes("section-title")
             ui.label("Model, report and compensated programs of this analysis are removed from this computer.")
             with ui.element("div").classes("row"):
 

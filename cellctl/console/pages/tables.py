@@ -28,44 +28,46 @@ from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.installed import shipped
+from cellctl.operations.results import from_json
 from cellctl.operations.run_folder import SIMULATOR_MEMORY
 from cellctl.operations.run_list import RunRow, robot_serial
-from cellctl.operations.table_actions import Action, TableRequest, known_table, refuse_confirmation
-from cellctl.operations.table_diff import ComparedTable, table_difference
-from cellctl.operations.table_history import short, table_overview
+from cellctl.operations.table import Pushed, RolledBack, Verified
+from cellctl.operations.table_actions import Action, TableLook, TableRequest, known_table, refuse_confirmation
+from cellctl.operations.table_diff import ComparedTable, RowChange, TableDifference, table_difference
+from cellctl.operations.table_history import ControllerTables, KnownTable, TableChange, short, table_overview
 from cellctl.report.figures import fixed
 
 _SHOWN = 30
 
 
-def difference_words(found: dict[str, Any]) -> None:
-    """A difference as `cellctl table diff --json` has it: facts, then rows by the size of their change."""
-    if found["same"]:
-        state_word("good", f"the same: {found['matched']} rows")
+def difference_words(found: TableDifference) -> None:
+    """A difference: facts, then rows by the size of their change."""
+    if found.same:
+        state_word("good", f"the same: {found.matched} rows")
         return
-    most = f", by up to {fixed(found['max_change_deg'], 4)}°" if found["changed"] else ""
-    tcp = f", the nominal TCP by up to {fixed(found['max_tcp_mm'])} mm" if found["max_tcp_mm"] is not None else ""
-    changed = f"{found['matched']} rows are in both, {len(found['changed'])} of them with other joints{most}{tcp}"
+    most = f", by up to {fixed(found.max_change_deg, 4)}°" if found.changed else ""
+    tcp = f", the nominal TCP by up to {fixed(found.max_tcp_mm)} mm" if found.max_tcp_mm is not None else ""
+    changed = f"{found.matched} rows are in both, {len(found.changed)} of them with other joints{most}{tcp}"
     state_word("warning", f"they differ: {changed}")
-    for name, only in ((found["a"]["name"], found["only_a"]), (found["b"]["name"], found["only_b"])):
+    for name, only in ((found.a.name, found.only_a), (found.b.name, found.only_b)):
         if only:
             ui.label(f"{len(only)} rows are only in {name}.")
-    if found["facts"]:
-        facts = [[name, _value(pair["a"]), _value(pair["b"])] for name, pair in found["facts"].items()]
-        figures(words("", found["a"]["name"], found["b"]["name"]), facts, label="Facts of the tables")
-    if found["changed"]:
-        _rows(found["changed"])
+    if found.facts:
+        facts = [[name, _value(pair.a), _value(pair.b)] for name, pair in found.facts.items()]
+        figures(words("", found.a.name, found.b.name), facts, label="Facts of the tables")
+    if found.changed:
+        _rows(found.changed)
 
 
-def _rows(changed: list[dict[str, Any]]) -> None:
-    ordered = sorted(changed, key=lambda row: -row["change_deg"])
+def _rows(changed: list[RowChange]) -> None:
+    ordered = sorted(changed, key=lambda row: -row.change_deg)
     columns = [*numbers("Row"), *words("Joint"), *numbers("Change, °", "Nominal TCP, mm")]
     rows = [
         [
-            str(row["row_a"]) if row["row_a"] == row["row_b"] else f"{row['row_a']} → {row['row_b']}",
-            f"A{row['joint']}",
-            fixed(row["change_deg"], 4),
-            fixed(row["tcp_mm"]),
+            str(row.row_a) if row.row_a == row.row_b else f"{row.row_a} → {row.row_b}",
+            f"A{row.joint}",
+            fixed(row.change_deg, 4),
+            fixed(row.tcp_mm),
         ]
         for row in ordered[:_SHOWN]
     ]
@@ -158,39 +160,40 @@ class TableAction:
             self._busy = None
             self._problems.clear()
 
-    def _seen(self, found: dict[str, Any]) -> None:
+    def _seen(self, result: object) -> None:
         """What the controller has, and what would change; then the confirmation."""
-        active = found["active"]
-        word = f"in force: {short(active['id'])}, {active['rows']} rows" if active else "no table is in force"
-        kind = "simulated controller" if found["simulated"] else "controller"
-        ui.label(f"{kind} {found['serial']}: {word}")
-        if found["record"]:
-            state_word("warning", f"Not as recorded: {found['record']}")
-        if found["refused"]:
+        found = from_json(TableLook, result)
+        active = found.active
+        word = f"in force: {short(active.id)}, {active.rows} rows" if active else "no table is in force"
+        kind = "simulated controller" if found.simulated else "controller"
+        ui.label(f"{kind} {found.serial}: {word}")
+        if found.record:
+            state_word("warning", f"Not as recorded: {found.record}")
+        if found.refused:
             state_word("bad", "This table is refused for this controller:")
-            for why in found["refused"]:
+            for why in found.refused:
                 ui.label(why)
             return
-        if active and active["id"] == found["target"]:
+        if active and active.id == found.target:
             state_word("good", "This table is in force already: there is nothing to push.")
             return
-        target = short(found["target"]) if found["target"] else "no table"
+        target = short(found.target) if found.target else "no table"
         ui.label(f"Afterwards in force: {target}").classes("section-title")
-        if found["difference"]:
-            difference_words(found["difference"])
-        elif active and found["target"]:
+        if found.difference:
+            difference_words(found.difference)
+        elif active and found.target:
             ui.label("The rows of one of the tables are not recorded here: their difference is not known.")
-        self._confirmation(found, active["id"] if active else "")
+        self._confirmation(found, active.id if active else "")
 
-    def _confirmation(self, found: dict[str, Any], seen: str) -> None:
-        names = f"the controller's serial, {found['serial']}"
-        if found["target"]:
-            names += f", or the table's id, {short(found['target'])}"
+    def _confirmation(self, found: TableLook, seen: str) -> None:
+        names = f"the controller's serial, {found.serial}"
+        if found.target:
+            names += f", or the table's id, {short(found.target)}"
         ui.label(f"To confirm, type {names}:")
 
         def wrong(text: str | None) -> str | None:
             try:
-                refuse_confirmation(text or "", found["serial"], found["target"] or "")
+                refuse_confirmation(text or "", found.serial, found.target or "")
             except InputError as error:
                 return f"This {error.problems[0].what}."
             return None
@@ -207,28 +210,30 @@ class TableAction:
         with ui.element("div").classes("row"):
             command_button("Push" if self._action == "push" else "Roll back", confirmed, dangerous=True)
 
-    def _done(self, result: dict[str, Any]) -> None:
+    def _done(self, content: object) -> None:
         if self._action == "verify":
-            same = result["same"]
-            word = f"in force, all {result['rows']} rows as in the file" if same else "not the table in force"
-            state_word("good" if same else "bad", word, large=True)
-            for text in result["differences"]:
-                ui.label(text)
+            _verified(from_json(Verified, content))
             return
         self._seen_view.clear()
         self._begin.clear()
         with self._begin:
             command_button("Close", self.close, important=True)
-        if "verified" in result:
-            word = f"Table {short(result['id'])} is in force on {result['serial']}: {result['rows']} rows, read back"
+        done = from_json(Pushed, content) if self._table else from_json(RolledBack, content)
+        if isinstance(done, Pushed):
+            word = f"Table {short(done.id)} is in force on {done.serial}: {done.rows} rows, read back"
         else:
-            word = (
-                f"In force on {result['serial']}: {short(result['active']['id']) if result['active'] else 'no table'}"
-            )
+            word = f"In force on {done.serial}: {short(done.active.id) if done.active else 'no table'}"
         state_word("good", word, large=True)
-        if not result["recorded"]:
+        if not done.recorded:
             state_word("warning", "The history of tables could not be written.")
         ui.timer(0.0, self._then, once=True)
+
+
+def _verified(found: Verified) -> None:
+    word = f"in force, all {found.rows} rows as in the file" if found.same else "not the table in force"
+    state_word("good" if found.same else "bad", word, large=True)
+    for text in found.differences:
+        ui.label(text)
 
 
 def _each_job_and_examination(changed: Callable[[], None]) -> Callable[[], None]:
@@ -292,7 +297,7 @@ class _Tables:
     def __init__(self, serial: str) -> None:
         self._serial = serial
         self._seen: Any = None
-        self._found: list[dict[str, Any]] = []
+        self._found: list[ControllerTables] = []
         self._choice = ui.element("div")
         self._action = TableAction(self.read)
         self._area = ui.element("div").style("display: contents")
@@ -318,10 +323,10 @@ class _Tables:
             with self._area:
                 ui.label("No table is here yet: a campaign makes one, and `cellctl compensate`.")
             return
-        serials = [each["serial"] for each in self._found]
-        one = next((each for each in self._found if each["serial"] == self._serial), self._found[0])
+        serials = [each.serial for each in self._found]
+        one = next((each for each in self._found if each.serial == self._serial), self._found[0])
         with self._choice:
-            ui.select(serials, label="Controller", value=one["serial"], on_change=self._chosen).props(
+            ui.select(serials, label="Controller", value=one.serial, on_change=self._chosen).props(
                 "outlined dense"
             ).style("min-width: 16rem; max-width: 20rem")
         with self._area:
@@ -336,48 +341,46 @@ class _Tables:
         self._show()
 
 
-def _in_force(one: dict[str, Any]) -> None:
-    last = one["changes"][0] if one["changes"] else None
+def _in_force(one: ControllerTables) -> None:
+    last = one.changes[0] if one.changes else None
     with ui.element("div").classes("row"):
         if last is None:
             state_word("unknown", "no table was put in force from this folder of runs", large=True)
-        elif last["state"] == "in force":
-            word = f"{short(last['table'])} is in force" if last["table"] else "no table is in force"
-            state_word("good" if last["table"] else "off", word, large=True)
-            ui.label(f"since {shown_time(last['time'])} UTC, {last['action']} by {_by(last)}").classes("note")
+        elif last.state == "in force":
+            word = f"{short(last.table)} is in force" if last.table else "no table is in force"
+            state_word("good" if last.table else "off", word, large=True)
+            ui.label(f"since {shown_time(last.time)} UTC, {last.action} by {_by(last)}").classes("note")
         else:
-            state_word("warning", f"{last['action']} of {short(last['table'])}: {last['state']}", large=True)
-            ui.label(str(last["reason"] or "")).classes("note")
+            state_word("warning", f"{last.action} of {short(last.table)}: {last.state}", large=True)
+            ui.label(last.reason or "").classes("note")
     ui.label("As recorded here. The controller itself is asked before each change.").classes("note")
-    for text in one["unreadable"]:
+    for text in one.unreadable:
         state_word("bad", text)
 
 
-def _known(one: dict[str, Any], action: TableAction) -> None:
+def _known(one: ControllerTables, action: TableAction) -> None:
     """The tables that can be put in force, with the actions."""
 
     def asked(what: Any, table: str = "") -> Any:
         async def go(operator: Operator) -> None:
-            await action.open(operator, what, table, one["serial"])
+            await action.open(operator, what, table, one.serial)
 
         return lambda: with_operator(go)
 
-    in_force = one["changes"][0]["table"] if one["changes"] and one["changes"][0]["state"] == "in force" else None
-
-    def row(each: dict[str, Any]) -> list[Cell]:
+    def row(each: KnownTable) -> list[Cell]:
         def name() -> None:
-            ui.label(short(each["id"])).classes("mono").tooltip(each["id"])
-            if each["id"] == in_force:
+            ui.label(short(each.id)).classes("mono").tooltip(each.id)
+            if each.id == one.in_force:
                 state_word("good", "in force")
 
         def actions() -> None:
             with ui.element("div").classes("row"):
                 for title, what in (("Push", "push"), ("Verify", "verify")):
-                    button = command_button(title, asked(what, each["id"]))
-                    button.props(f'aria-label="{title} {short(each["id"])}"')
+                    button = command_button(title, asked(what, each.id))
+                    button.props(f'aria-label="{title} {short(each.id)}"')
 
-        facts = (shown_time(each["created"]), each["method"], lambda: _run_link(each["run"]))
-        return [name, *facts, str(each["rows"]), fixed(each["max_correction_deg"]), actions]
+        facts = (shown_time(each.created), each.method, lambda: _run_link(each.run))
+        return [name, *facts, str(each.rows), fixed(each.max_correction_deg), actions]
 
     columns = [
         *words("Table", "Created", "Method", "Run"),
@@ -387,7 +390,7 @@ def _known(one: dict[str, Any], action: TableAction) -> None:
     with section("Tables for this controller"):
         with ui.element("div").classes("row"):
             command_button("Roll back to the table before", asked("rollback"), icon="undo", dangerous=True)
-        figures(columns, map(row, one["tables"]), label="Tables")
+        figures(columns, map(row, one.tables), label="Tables")
 
 
 def _run_link(run: str | None) -> None:
@@ -401,8 +404,8 @@ def _run_link(run: str | None) -> None:
 class _Difference:
     """The difference of two tables."""
 
-    def __init__(self, one: dict[str, Any]) -> None:
-        tables_ = {each["id"]: f"{short(each['id'])}, {shown_time(each['created'])}" for each in one["tables"]}
+    def __init__(self, one: ControllerTables) -> None:
+        tables_ = {each.id: f"{short(each.id)}, {shown_time(each.created)}" for each in one.tables}
         if len(tables_) < 2:
             return
         ids = list(tables_)
@@ -416,9 +419,9 @@ class _Difference:
     async def show(self, _: object = None) -> None:
         """Show the difference of the chosen tables."""
 
-        def found() -> dict[str, Any]:
+        def found() -> TableDifference:
             pair = [ComparedTable.of_file(short(each), known_table(console().runs, each)) for each in (a, b)]
-            return table_difference(pair[0], pair[1], None).to_json()
+            return table_difference(pair[0], pair[1], None)
 
         a, b = str(self._a.value), str(self._b.value)
         try:
@@ -433,22 +436,22 @@ class _Difference:
             difference_words(difference)
 
 
-def _history(one: dict[str, Any]) -> None:
+def _history(one: ControllerTables) -> None:
     columns = [*words("Since (UTC)", "Until", "Table", "Change, by whom"), *numbers("Rows"), *words("State")]
     rows = [
         [
-            shown_time(each["time"]),
-            shown_time(each["until"]),
-            short(each["table"]),
-            f"{each['action']}, {_by(each)}",
-            str(each["rows"] or "–"),
-            f"{each['state']}: {why}" if (why := each["out_of_force"] or each["reason"]) else each["state"],
+            shown_time(each.time),
+            shown_time(each.until),
+            short(each.table),
+            f"{each.action}, {_by(each)}",
+            str(each.rows or "–"),
+            f"{each.state}: {why}" if (why := each.out_of_force or each.reason) else each.state,
         ]
-        for each in one["changes"]
+        for each in one.changes
     ]
     with section("History", note="Every table that was put in force, by whom, when and from which run."):
         figures(columns, rows, label="History")
 
 
-def _by(change: dict[str, Any]) -> str:
-    return f"run {change['run']}, {change['who']}" if change["run"] else str(change["who"])
+def _by(change: TableChange) -> str:
+    return f"run {change.run}, {change.who}" if change.run else change.who

@@ -7,6 +7,7 @@ import pytest
 from cellctl.files import InputError
 from cellctl.formats import TableFile
 from cellctl.operations import table_actions
+from cellctl.operations.results import as_json, from_json
 from cellctl.operations.table_actions import TableRequest, act, look
 from cellctl.operations.table_history import TableHistory
 
@@ -53,14 +54,14 @@ def test_a_push_by_its_runs_table_is_recorded_with_the_person_and_the_table_befo
 
 def test_the_difference_is_shown_without_a_change(asked, pushed, controller):
     found = look(asked("push", pushed[0]))
-    assert (found["serial"], found["target"], found["refused"]) == (SERIAL, pushed[0], [])
-    assert (found["difference"]["matched"], found["difference"]["only_b"]) == (3, [4, 5, 6, 7, 8])
+    assert (found.serial, found.target, found.refused) == (SERIAL, pushed[0], [])
+    assert (found.difference.matched, found.difference.only_b) == (3, [4, 5, 6, 7, 8])
     assert controller.active.id == pushed[1]
 
 
 def test_a_rollback_shows_and_restores_the_table_before(asked, pushed, controller):
     found = look(asked("rollback"))
-    assert (found["target"], found["difference"]["matched"]) == (pushed[0], 3)
+    assert (found.target, found.difference.matched) == (pushed[0], 3)
     act(asked("rollback", seen=pushed[1], confirmed=SERIAL))
     assert controller.active.id == pushed[0]
 
@@ -72,8 +73,8 @@ def test_a_rollback_to_a_table_of_the_history_is_recorded_as_one(asked, pushed, 
 
 
 def test_verify_compares_and_needs_no_confirmation(asked, pushed):
-    assert act(asked("verify", pushed[1]))["same"] is True
-    assert act(asked("verify", pushed[0]))["same"] is False
+    assert act(asked("verify", pushed[1])).same is True
+    assert act(asked("verify", pushed[0])).same is False
 
 
 @pytest.mark.parametrize("typed", ["", "SIM-471", "deadbeef"])
@@ -116,4 +117,4 @@ def test_a_table_that_was_changed_is_refused(asked, tables, folder, controller):
 
 def test_a_request_goes_through_json(asked, tables):
     found = asked("push", tables[0], seen="", confirmed=SERIAL, state=None, seed=3)
-    assert TableRequest.from_json(found.to_json()) == found
+    assert from_json(TableRequest, as_json(found)) == found

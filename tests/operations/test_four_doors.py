@@ -1,0 +1,146 @@
+"""Command line, API, pages and Python lead to the same services: each gives the same answer by every door that it has.
+
+Of a page it is the data that it draws.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cellctl
+from cellctl.console.commands import live_rows
+from cellctl.formats import TableFile
+from cellctl.operations import analyses
+from cellctl.operations.results import as_json
+from cellctl.operations.table import TableRecorder
+from cellctl.operations.table_history import TableHistory, table_overview
+from tests.helpers.arms import cellctl as command
+from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
+from tests.helpers.console import ApiClient, api_client
+from tests.helpers.journals import run_in
+
+INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
+SERIAL = "SIM-4711"
+RUNS = ("sphere-1", "sphere-2")
+
+
+@dataclass(frozen=True)
+class Doors:
+    """The command line and the API over one folder of runs. tables: ids, of all rows and of the first three."""
+
+    runs: Path
+    client: ApiClient
+    tables: tuple[str, str]
+
+    def by_command(self, *words: object) -> Any:
+        """The JSON of a command."""
+        file = self.runs.parent / "answer.json"
+        file.unlink(missing_ok=True)
+        command(*map(str, words), "--json", str(file))
+        return json.loads(file.read_text())
+
+    def by_api(self, path: str, **query: str) -> Any:
+        """The JSON of a route."""
+        answer = self.client.get(f"/api/{path}", params=query)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+
+@pytest.fixture(scope="module")
+def doors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Doors]:
+    """Two runs with models; a table of the first, then a shorter one, were put in force."""
+    runs = tmp_path_factory.mktemp("doors") / "runs"
+    runs.mkdir()
+    for day, name in enumerate(RUNS, 1):
+        kr5_model().save(run_in(runs, name, f"2026-11-0{day}", SERIAL) / "model.json")
+    place = runs / RUNS[0]
+    (place / "targets.csv").write_text(targets_csv(readings_near_the_middle(8)))
+    made = place / "table.json"
+    command("compensate", str(place / "model.json"), str(place / "targets.csv"), "--serial", SERIAL, "-o", str(made))
+    whole = TableFile.load(made)
+    part = whole.model_copy(update={"rows": whole.rows[:3]})
+    part = part.model_copy(update={"id": part.content_id()})
+    recorder = TableRecorder(TableHistory(runs, SERIAL), who="Kim@hall")
+    for table, replaced in ((whole, None), (part, whole.id)):
+        with recorder.change("push", table, replaced):
+            pass
+    with api_client(runs) as client:
+        yield Doors(runs, client, (whole.id, part.id))
+
+
+def without_empty(row: dict[str, Any]) -> dict[str, Any]:
+    """Without the fields that the API gives to every run."""
+    return {name: value for name, value in row.items() if value is not None}
+
+
+def test_runs(doors: Doors) -> None:
+    listed = [without_empty(row) for row in doors.by_command("runs", "--runs", doors.runs)["runs"]]
+    assert [row["run"] for row in listed] == list(reversed(RUNS))
+    assert [without_empty(row) for row in doors.by_api("runs")] == listed
+    assert [without_empty(json.loads(json.dumps(row))) for row in live_rows()] == listed
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_one_run(doors: Doors, name: str) -> None:
+    shown = without_empty(doors.by_command("show", name, "--runs", doors.runs))
+    assert shown["verdict"] == "better"
+    assert without_empty(doors.by_api(f"runs/{name}/result")) == shown
+    assert without_empty(json.loads(json.dumps(cellctl.open_run(name, doors.runs).report))) == shown
+
+
+def test_two_runs_compared(doors: Doors) -> None:
+    compared = doors.by_command("show", RUNS[0], "--against", RUNS[1], "--runs", doors.runs)
+    assert doors.by_api("compare", a=RUNS[0], b=RUNS[1]) == compared
+
+
+def test_the_history_of_a_controllers_tables(doors: Doors) -> None:
+    [controller] = doors.by_command("table", "history", "--runs", doors.runs)["controllers"]
+    assert [change["table"] for change in controller["changes"]] == [doors.tables[1], doors.tables[0]]
+    [by_api] = doors.by_api("tables")
+    assert (by_api["serial"], by_api["changes"]) == (controller["serial"], controller["changes"])
+    assert doors.by_api(f"tables/{SERIAL}") == by_api
+    assert [as_json(each) for each in table_overview(doors.runs)] == [by_api]
+    table = cellctl.open_run(RUNS[0], doors.runs).table
+    assert table
+    assert table.id in {each["id"] for each in by_api["tables"]}
+
+
+def test_the_difference_of_two_tables(doors: Doors) -> None:
+    by_command = doors.by_command("table", "diff", doors.tables[0][:12], doors.tables[1][:12], "--runs", doors.runs)
+    assert (by_command["matched"], by_command["only_a"]) == (3, [4, 5, 6, 7, 8])
+    assert doors.by_api("tables/diff", a=doors.tables[0], b=doors.tables[1]) == by_command
+
+
+def test_the_library_of_robots(doors: Doors) -> None:
+    listed = doors.by_command("robots")["robots"]
+    by_api = doors.by_api("robots")
+    assert by_api == [{name: robot[name] for name in by_api[0]} for robot in listed]
+    found = [cellctl.robot(each["name"]) for each in by_api]
+    assert [(robot.name, robot.n) for robot in found] == [(each["robot"], each["joints"]) for each in by_api]
+
+
+def test_a_fit(doors: Doors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, record = analyses.new_analysis(doors.runs, "Ada", "positions.csv")
+    for place in (folder, tmp_path):
+        shutil.copy(INPUTS / "positions.csv", place / record.data)
+        shutil.copy(INPUTS / "robot.yaml", place / "robot.yaml")
+    analyses.set_robot(folder, file="robot.yaml")
+    analyses.understand_analysis(folder)
+    analyses.fit_analysis(folder, analyses.FitSettings(model="zeros"))
+    by_api = doors.by_api(f"analyses/{folder.name}/files/fit.json")
+    monkeypatch.chdir(tmp_path)
+    by_command = doors.by_command("fit", "robot.yaml", "positions.csv", "--model", "zeros")
+    by_command.pop("seconds")
+    assert by_api == by_command
+    assert json.loads(json.dumps(cellctl.fit("robot.yaml", "positions.csv", model="zeros").report)) == by_command
+    shown = analyses.state_of(folder)
+    assert as_json(shown) == {
+        name: value for name, value in doors.by_api(f"analyses/{folder.name}").items() if name in as_json(shown)
+    }
