@@ -25,6 +25,7 @@ from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, TableFile
 from cellctl.formats.table import Row as TargetRow
 from cellctl.formats.table import TableRegion, TableRobot, TableSource
+from cellctl.operations.results import as_json
 from cellctl.operations.table_history import TableHistory
 from cellctl.records import Figures, Row, TablePushRow, TableStateRow
 from procedures.steps.sphere._proving import PushInputs, push
@@ -288,7 +289,7 @@ def history_of(run_folder: Path) -> list[dict[str, Any]]:
     """The changes in the history beside the run folder, oldest first."""
     entries, problems = TableHistory(run_folder.parent, "SIM-1").read()
     assert problems == []
-    return [entry.to_json() for entry in entries]
+    return [as_json(entry.shown) for entry in entries]
 
 
 def test_a_table_that_a_run_pushes_and_takes_back_is_in_the_history_with_the_run_and_the_reason(tmp_path: Path) -> None:
