@@ -1,4 +1,13 @@
-"""Unobservable combinations of parameters, in words (`tool translation along X, Y`), with their reasons."""
+"""Unobservable combinations of parameters, in words (`tool translation along X, Y`), with their reasons.
+
+R is the triangle of the rows' Jacobian alone, columns in tolerances (JᵀJ = RᵀR). Its singular value s of a unit vector
+v is ‖R v‖: by how many standard deviations one tolerance of the combination v moves all rows together. Below `SEEN` it
+is unobservable: the prior holds it. The right singular vectors of these span a subspace, but any rotation of them does
+as well, and a vector of 24 numbers is no reason: `_sparse_combinations` looks for a basis of few parameters each.
+
+A reason is a change of the rows (a joint that moves, another approach, a length) whose Jacobian L is known: a
+combination v belongs to the first reason for which ‖L v‖ is at least `SEEN`, and `SHOWN` times what the rows show.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
 """Which model terms the rows support: from registration to geometry, then effect by effect, then what remains.
 
-A term is kept only if held-out rows gain by more than the standard error of that gain; a residual model needs two, and
-must not fail at the ends of the joint ranges (`support`). These are rows of the fit (cross-validation): the rows that
-judge the result have no influence on it. If most predictions are needed outside the measured joints, the ends of the
-joint ranges decide between nominal, geometry and more.
+A term is kept only if held-out rows gain by more than the standard error of that gain (as in the one-standard-error
+rule, Hastie, Tibshirani and Friedman 2009, section 7.10); a residual model needs two, and must not fail at the ends of
+the joint ranges (`worst_end`). These are rows of the fit (cross-validation): the rows that judge the result have no
+influence on it. If most predictions are needed outside the measured joints, the ends of the joint ranges decide
+between nominal, geometry and more.
 """
 
 from __future__ import annotations

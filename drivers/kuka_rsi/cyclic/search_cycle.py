@@ -1,4 +1,12 @@
-"""One search, cycle by cycle: a jerk-limited set-point along a joint-space line, and the answer to each telegram."""
+"""One search, cycle by cycle: a jerk-limited set-point along a joint-space line, and the answer to each telegram.
+
+The line is c(s) = s/L · c_end, 0 ≤ s ≤ L = ‖c_end‖, so that all axes start and stop together. s(t) is the time-optimal
+profile with bounded speed, acceleration and jerk (Ruckig; Berscheid and Kröger 2021), sampled each cycle. The TCP goes
+along an arc near the straight line: a search is some degrees long, and the contact is found by the joints, not by s.
+
+A stop ends it in two telegrams: with the last step d = v T the next one is d/2, the mean of a constant deceleration
+from v to 0 within one cycle, and then none. That is an acceleration of v/2T, which `CycleWatch` allows while braking.
+"""
 
 from __future__ import annotations
 
