@@ -372,8 +372,15 @@ async def push_checked(
     """
     refuse_table(table, file, identity, place.robot, place.cell.table_correction_deg)
     await push_verified(store, table, recorder, action)
-    done = {"pushed": True, "verified": True, "active": True, "recorded": not recorder.failure}
-    return Pushed(table.id, identity.serial, len(table.rows), **done)
+    return Pushed(
+        id=table.id,
+        serial=identity.serial,
+        rows=len(table.rows),
+        pushed=True,
+        verified=True,
+        active=True,
+        recorded=not recorder.failure,
+    )
 
 
 async def push_recorded(
