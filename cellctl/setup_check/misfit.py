@@ -115,9 +115,8 @@ def misfit(setup: Setup, rounds: int = ROUNDS) -> Misfit:
 
 def row_errors(task: Task, state: State) -> list[tuple[Floats, Floats | None]]:
     """For each block the rows' distances (N,), mm, and rotations (N,), deg, None where nothing measured them."""
-    turns = [block.turn_errors(state) for block in task.rows.blocks]
-    mm = [block.errors(state) for block in task.rows.blocks]
-    return [(one, None if turn is None else np.rad2deg(turn)) for one, turn in zip(mm, turns, strict=True)]
+    found = [block.errors_and_turns(state) for block in task.rows.blocks]
+    return [(mm, None if turns is None else np.rad2deg(turns)) for mm, turns in found]
 
 
 def distances(setup: Setup, state: State) -> Floats:

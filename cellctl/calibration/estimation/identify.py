@@ -287,10 +287,10 @@ def _all_of(kept: Bools, which: slice) -> Bools:
 def _like_sample(task: Task, rows: RowBlocks, sample: Any) -> Bools:
     """Which of `rows` (N,) agree with the prediction from the inliers among `sample` (indices)."""
     of_sample = rows.pick(sample)
-    of_sample_kept = _search_inliers(task, of_sample)
-    _, weighed = identify_kept(task, of_sample.pick(of_sample_kept))
+    kept_of_sample = _search_inliers(task, of_sample)
+    _, weighed = identify_kept(task, of_sample.pick(kept_of_sample))
     kept = weighed.p_values(rows) >= OUTLYING
-    kept[sample] = of_sample_kept
+    kept[sample] = kept_of_sample
     return kept
 
 

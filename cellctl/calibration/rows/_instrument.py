@@ -190,9 +190,10 @@ class PoseRows(_InstrumentRows):
         poses[:, :3, 3] = xyz
         return replace(self, poses=poses)
 
-    def turn_errors(self, state: State) -> Floats:
-        """Angles (N,), rad, from measured to model."""
-        return np.asarray(np.linalg.norm(self.deviation(state)[:, 3:], axis=1))
+    def errors_and_turns(self, state: State) -> tuple[Floats, Floats]:
+        """Distances (N,), mm, and angles (N,), rad, from measured to model."""
+        away = self.deviation(state)
+        return np.linalg.norm(away[:, :3], axis=-1), np.linalg.norm(away[:, 3:], axis=-1)
 
     def moved_to(self, postures: Postures, model: RobotModel) -> Self:
         """The model's poses at other postures: a turn of the tool is measured at its own place."""

@@ -148,9 +148,9 @@ class RowsAtJoints(ABC):
         """These rows with other measured TCPs (N, 3), mm; the same rows where the kind measures none."""
         return self
 
-    def turn_errors(self, state: State) -> Floats | None:
-        """Angles (N,), rad, between model and measured orientations; None where the kind measures none."""
-        return None
+    def errors_and_turns(self, state: State) -> tuple[Floats, Floats | None]:
+        """`errors`, and angles (N,), rad, between model and measured orientations; None where it measures none."""
+        return self.errors(state), None
 
     def distances_alone(self, tcps: Floats) -> Floats:
         """Squared distances (C, N), mm², in any order, of the TCPs `tcps` (C, N, 3) of C candidate robots from the
