@@ -12,11 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
-from cellctl.formats import RobotFile
 from tests.helpers import arms
-from tests.helpers.arms import csv_text, joints_and_places
+from tests.helpers.simulated_data import positions_in_the_heat
 
 KIT = Path(__file__).parent / "calibration_kit"
 ROOT = Path(__file__).parents[2]
@@ -24,23 +22,12 @@ PER_K = np.array([0.004, -0.002, 0.012])
 """By which the tool moves in the flange's frame, mm/K."""
 
 
-def data() -> str:
-    rng = np.random.default_rng(4)
-    robot = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
-    readings = rng.uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (120, 3))
-    temperature = rng.uniform(15.0, 35.0, 120)
-    flange = robot.chain().forward_flange(robot.joint_map().model(readings))[:, :3, :3]
-    places = arms.ElbowArm().tcp(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]
-    head, *lines = csv_text(joints_and_places(readings, places + rng.normal(0.0, 0.01, (120, 3)))).splitlines()
-    return "\n".join([f"{head},temperature", *(f"{line},{t:.3f}" for line, t in zip(lines, temperature, strict=True))])
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """With the robot, its data, and the model that was fitted with the invented effect."""
     folder = tmp_path_factory.mktemp("kit")
     (folder / "robot.yaml").write_text(arms.ELBOW_ROBOT)
-    (folder / "data.csv").write_text(data())
+    (folder / "data.csv").write_text(positions_in_the_heat(PER_K))
     done = cellctl(folder, "fit", "robot.yaml", "data.csv", "--model", "geometry+tool_heat", "--out", "model.json")
     assert done.returncode == 0, done.stderr
     assert "effect 'broken' (tool_heat:NOTHING) is not used: it is not derived from Effect" in done.stderr

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import qmc
 
@@ -25,6 +26,7 @@ from cellctl.kinematics import Floats, inverse
 from sims.cell import ERRORS, read_cell
 from sims.conditions import Conditions
 from sims.world.world import World
+from tests.helpers import arms
 
 LOW, HIGH = np.array([650.0, -500.0, 50.0]), np.array([1350.0, 500.0, 700.0])
 
@@ -159,3 +161,17 @@ def write_example() -> None:
     from cellctl.operations.analyses import EXAMPLE
 
     EXAMPLE.write_text(example_text())
+
+
+def positions_in_the_heat(per_k: Floats, *, warm: bool = True) -> str:
+    """A data set of 120 positions of the elbow arm, from 15 to 35 °C, whose tool moves by `per_k` (3,), mm/K, along the
+    flange's axes; with the column `temperature` where `warm`.
+    """
+    rng = np.random.default_rng(4)
+    robot = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
+    readings = arms.drawn(rng, 120)
+    celsius = rng.uniform(15.0, 35.0, 120)
+    flange = robot.chain().forward_flange(robot.joint_map().model(readings))[:, :3, :3]
+    places = arms.ElbowArm().tcp(readings) + (flange @ per_k) * (celsius - 20.0)[:, None]
+    columns = arms.joints_and_places(readings, places + rng.normal(0.0, 0.01, (120, 3)))
+    return arms.csv_text({**columns, "temperature": [f"{each:.3f}" for each in celsius]} if warm else columns)

@@ -1,59 +1,23 @@
 """A new effect is a class and a line of the tuple: fit, model file, prediction and report know it without an edit."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 import pytest
 import yaml
 
-from cellctl.calibration import Effect, Parameter, Split, Unit, effects, fit
+from cellctl.calibration import Split, effects, fit
 from cellctl.calibration.effects import EFFECTS
-from cellctl.calibration.model.parameter import Phrase
-from cellctl.calibration.model.postures import varies
 from cellctl.cli.fit import predict
 from cellctl.files import InputError
 from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
 from cellctl.report.fit import FitStory
 from cellctl.report.fit.page import write_fit_page
+from tests.extension.calibration_kit.tool_heat import ToolInTheHeat
 from tests.helpers import arms
-from tests.helpers.arms import csv_text, joints_and_places
+from tests.helpers.simulated_data import positions_in_the_heat
 
 ROBOT = RobotFile.model_validate(yaml.safe_load(arms.ELBOW_ROBOT))
 PER_K = np.array([0.004, -0.002, 0.012])
 """By which the tool of these tests moves in the flange's frame, mm/K."""
-
-
-@dataclass(frozen=True)
-class ToolInTheHeat(Effect):
-    """The tool's shift with temperature along the flange's axes, mm/K."""
-
-    expected: float = 0.01
-
-    group: ClassVar = "tool_heat"
-    title: ClassVar = "Tool in the heat"
-    needs: ClassVar = "a column temperature with different values"
-    missing: ClassVar = (("delta_t", "no column temperature: the tool is taken to be at 20 °C"),)
-
-    @classmethod
-    def of_inputs(cls, setup):
-        return cls() if varies(setup.at.delta_t) else None
-
-    @property
-    def parameters(self):
-        unit, phrase = Unit("mm/K", "µm/K", 1e3), Phrase("heat of the tool along {}", "heat of the tool along {}")
-        return tuple(
-            Parameter(f"tool_heat_{axis}", unit, self.group, f"tool heat {axis.upper()}", phrase, axis.upper())
-            for axis in "xyz"
-        )
-
-    @property
-    def sigma(self):
-        return np.full(3, self.expected)
-
-    def shifts(self, nominal, at):
-        delta_t = np.zeros(len(at)) if at.delta_t is None else at.delta_t
-        return nominal.forward_flange(at.q)[:, :3, :3] * delta_t[:, None, None]
 
 
 @pytest.fixture(autouse=True)
@@ -62,16 +26,7 @@ def with_one_effect_more(monkeypatch):
 
 
 def data(warm: bool = True) -> DataSet:
-    rng = np.random.default_rng(4)
-    readings = rng.uniform(arms.ELBOW_LOWER, arms.ELBOW_UPPER, (120, 3))
-    temperature = rng.uniform(15.0, 35.0, 120)
-    flange = ROBOT.chain().forward_flange(ROBOT.joint_map().model(readings))[:, :3, :3]
-    places = arms.ElbowArm().tcp(readings) + (flange @ PER_K) * (temperature - 20.0)[:, None]
-    head, *lines = csv_text(joints_and_places(readings, places + rng.normal(0.0, 0.01, (120, 3)))).splitlines()
-    if warm:
-        head = f"{head},temperature"
-        lines = [f"{line},{degrees:.3f}" for line, degrees in zip(lines, temperature, strict=True)]
-    return DataSet.parse("\n".join([head, *lines]), "data.csv")
+    return DataSet.parse(positions_in_the_heat(PER_K, warm=warm), "data.csv")
 
 
 def fitted(model: str):
