@@ -152,7 +152,7 @@ def _squares(setup: Setup, block: Measured, q: Floats) -> Floats:
     """Squared distances (C, K) of a block's nearest rows."""
     chain = setup.task.model.chain
     if block.positions is None:
-        return _nearest(block.distances_alone(chain.forward(q)[..., :3, 3]))
+        return _nearest(block.squared_misfits(chain.forward(q)[..., :3, 3]))
     if setup.task.registered != PLACED:
         return _nearest(np.sum((chain.forward(q)[..., :3, 3] - block.positions) ** 2, axis=-1))
     return _of_instrument(chain.with_base(np.eye(4)).forward_flange(q), block.positions)

@@ -59,7 +59,7 @@ class RowsAtJoints(ABC):
     length, without which the robot's size is unobservable. along_line: whether a row is one distance along a line
     (`normals`). one, many: names of such a row. noun, visits, visits_at_least: names of their fixed points and of the
     rows at them, and how many rows find such a point and check that they agree. in_setup_check: whether the set-up
-    check can judge such rows (`distances_alone`, or `positions`); it leaves others out, and says so.
+    check can judge such rows (`squared_misfits`, or `positions`); it leaves others out, and says so.
     """
 
     at: At
@@ -152,7 +152,7 @@ class RowsAtJoints(ABC):
         """`errors`, and angles (N,), rad, between model and measured orientations; None where it measures none."""
         return self.errors(state), None
 
-    def distances_alone(self, tcps: Floats) -> Floats:
+    def squared_misfits(self, tcps: Floats) -> Floats:
         """Squared distances (C, N), mm², in any order, of the TCPs `tcps` (C, N, 3) of C candidate robots from the
         fixed points that fit each candidate best. The set-up check ranks candidates by them, without a registration.
         """

@@ -169,7 +169,7 @@ class TouchRows(RowsAtJoints):
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return np.asarray(state.points[self.point] + self.lengths(state)[:, None] * normals)
 
-    def distances_alone(self, tcps: Floats) -> Floats:
+    def squared_misfits(self, tcps: Floats) -> Floats:
         """From the sphere of each point and datum."""
         pairs = np.column_stack([self.point, self.datum])
         groups = [(pair[1] >= 0, np.all(pairs == pair, axis=1)) for pair in np.unique(pairs, axis=0)]
@@ -221,7 +221,7 @@ class SocketRows(RowsAtJoints):
         """3-D distance (N,) from the socket, mm."""
         return np.asarray(np.linalg.norm(self.residual(state), axis=-1))
 
-    def distances_alone(self, tcps: Floats) -> Floats:
+    def squared_misfits(self, tcps: Floats) -> Floats:
         """From each socket."""
         found = [_from_their_mean(tcps[:, self.point == index]) for index in np.unique(self.point)]
         return np.concatenate(found, axis=1)
@@ -293,7 +293,7 @@ class PlaneRows(RowsAtJoints):
         tcps = model.tcp(self.postures)
         return plane_pole(tcps, self.reach, model.chain.frames(self.q)[..., :3, 3])
 
-    def distances_alone(self, tcps: Floats) -> Floats:
+    def squared_misfits(self, tcps: Floats) -> Floats:
         """From each plane."""
         found = [_from_their_plane(tcps[:, self.point == index]) for index in np.unique(self.point)]
         return np.concatenate(found, axis=1)
