@@ -125,7 +125,7 @@ class SerialChain:
     @cached_property
     def parameter_turns(self) -> Bools:
         """Which parameters (P,) are angles (rad); the others are lengths (mm)."""
-        return np.concatenate([screws.turns for screws in self._screws])
+        return np.array([motion.turns for _, motions in self._nominal for motion in motions if motion.name], bool)
 
     def with_parameters(self, deviations: Mapping[str, float] | ArrayLike) -> Self:
         """This chain with `deviations` from the table in place of its own: by name (others 0), or all of them (P,).
@@ -214,7 +214,7 @@ class SerialChain:
     @cached_property
     def _nominal(self) -> list[Segment]:
         """Base, the n + 1 segments between joints, tool: each a fixed pose and the motions after it."""
-        between = self.table.segments()
+        between = self.table.segments
         return [(self.base, [*frame_motions("base")]), *between, (self.tool, [*frame_motions("tool")])]
 
     @cached_property
@@ -271,7 +271,7 @@ class SerialChain:
     def _frames(self, angles: Floats) -> tuple[Floats, Floats]:
         """Frames behind each joint (n + 1, 3, 4, N), the measuring frame first, and the tool's (3, 4, N)."""
         frames = np.empty((self.n + 1, 3, 4, angles.shape[1]))
-        frames[0] = np.eye(3, 4)[..., None]
+        frames[0] = _MEASURING_FRAME
         cosines, sines = np.cos(angles), np.sin(angles)
         for index in range(self.n):
             before = np.matmul(self._constants[index].T, frames[index])
@@ -304,12 +304,18 @@ class SerialChain:
         return result
 
 
+_MEASURING_FRAME = np.eye(3, 4)[..., None]
+_NO_TURN, _LAST_ROW = np.eye(3), np.array([0.0, 0.0, 0.0, 1.0])
+_ORTHONORMAL_WITHIN, _LAST_ROW_WITHIN = 1e-6 + 1e-5 * _NO_TURN, 1e-8 + 1e-5 * _LAST_ROW
+"""As `np.allclose` counts, which takes ten times as long: a search of set-up errors places a base 100 000 times."""
+
+
 def _checked_pose(name: str, matrix: ArrayLike | None) -> Floats:
     result = np.eye(4) if matrix is None else np.array(matrix, float)
-    if result.shape != (4, 4) or not np.allclose(result[3], (0, 0, 0, 1)):
+    if result.shape != (4, 4) or not (np.abs(result[3] - _LAST_ROW) <= _LAST_ROW_WITHIN).all():
         raise ValueError(f"{name} is not a 4×4 pose")
     turn = result[:3, :3]
-    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
+    if not (np.abs(turn @ turn.T - _NO_TURN) <= _ORTHONORMAL_WITHIN).all() or np.linalg.det(turn) < 0:
         raise ValueError(f"{name} is not a rigid motion: its rotation part is not orthonormal and right-handed")
     return result
 

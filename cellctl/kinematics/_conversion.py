@@ -149,7 +149,7 @@ def _shifted(rows: list[Link]) -> list[Link]:
 
 
 def _row_matrix(row: Link) -> Floats:
-    segments: list[Segment] = LinkTable("mdh-hayati", (row,)).segments()
+    segments: list[Segment] = LinkTable("mdh-hayati", (row,)).segments
     return segment_matrix(segments[1])
 
 

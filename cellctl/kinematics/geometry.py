@@ -13,6 +13,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple, Self, TypeAlias, final, get_args
 
 import numpy as np
@@ -104,6 +105,7 @@ class LinkTable:
         """Number of joints."""
         return len(self.links)
 
+    @cached_property
     def segments(self) -> list[Segment]:
         """The parts between the joints: n + 1 segments, the first before joint 1, the last from joint n to the flange.
 
@@ -192,6 +194,7 @@ class AxisTable:
         """Number of joints."""
         return len(self.axes)
 
+    @cached_property
     def segments(self) -> list[Segment]:
         """The parts between the joints: n + 1 segments, the first before joint 1, the last up to the flange."""
         frames = [np.eye(4), *(axis.frame() for axis in self.axes), self.home]

@@ -166,8 +166,12 @@ def _linear(flange: Floats, measured: Floats, base: Floats, tool: Floats) -> tup
     arms = there - base[:3, 3]
     size = max(float(np.abs(arms).max()), 1e-9)
     lines = np.zeros((len(flange), 3, 9))
-    lines[:, :, :3] = np.cross(np.eye(3), arms[:, None, :]).swapaxes(1, 2) / size
-    lines[:, :, 3:6] = np.eye(3)
+    x, y, z = (arms / size).T
+    # ∂(ω × r)/∂ω = −[r]×: its columns are the unit vectors' cross products with the arm r
+    lines[:, 1, 0], lines[:, 2, 0] = -z, y
+    lines[:, 0, 1], lines[:, 2, 1] = z, -x
+    lines[:, 0, 2], lines[:, 1, 2] = -y, x
+    lines[:, [0, 1, 2], [3, 4, 5]] = 1.0
     lines[:, :, 6:] = base[:3, :3] @ flange[:, :3, :3]
     return lines.reshape(-1, 9), (measured - there).ravel(), size
 
