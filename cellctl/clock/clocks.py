@@ -9,6 +9,7 @@ import itertools
 import json
 import math
 import mmap
+import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -233,7 +234,15 @@ class LockstepClock(Clock):
         earlier = self._wires.get(device)
         # the tick for what the earlier wire read last may still be on its way
         before = max(self._written_by_cell.get(device, 0), earlier.bytes_read if earlier else 0)
-        wire = CountedWire(before, lambda: loop.call_soon_threadsafe(self._changed.set))
+        loops_thread = threading.get_ident()
+
+        def on_change() -> None:
+            if threading.get_ident() == loops_thread:
+                self._changed.set()
+            else:  # wakes the loop by a byte on its own socket pair, which costs a turn of the loop
+                loop.call_soon_threadsafe(self._changed.set)
+
+        wire = CountedWire(before, on_change)
         self._wires[device] = wire
         return wire
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
-from typing import final
+from typing import cast, final
 
 from cellctl.clock import Clock, calendar_time
 from cellctl.devices import Conditions, Device, DeviceError
@@ -148,8 +148,7 @@ class Interlocks:
 
     async def _answer(self, interlock: Interlock) -> tuple[bool, str]:
         """Whether the condition holds, and its text; it counts as broken if the device cannot report it."""
-        device = self._devices[interlock.device]
-        assert isinstance(device, Conditions)
+        device = cast(Conditions, self._devices[interlock.device])  # `install` has looked: ten times a second is slow
         name = f"interlock '{interlock.id}'"
         text = f"{name}: {interlock.device}: {device.conditions()[interlock.condition]}"
         try:
