@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Any, final
 from urllib.parse import parse_qsl, urlsplit
 
@@ -142,9 +143,10 @@ def _values(
     robot: MovingArm, world: World, currents: CurrentDisplay, late: LateCounter, mark: Callable[[], int]
 ) -> dict[str, Value]:
     """What each tag shows that is not zero. Under correction only the actual values move: the program stands still."""
+    programmed = lru_cache(maxsize=1)(world.shown_pose)
     return {
         "RIst": lambda: world.shown_pose(robot.readings()),
-        "RSol": lambda: world.shown_pose(robot.commanded),
+        "RSol": lambda: programmed(robot.commanded),
         "AIPos": robot.readings,
         "ASPos": lambda: robot.commanded,
         "MACur": currents.now,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
@@ -64,16 +64,15 @@ class Element:
     type: str
     hold_on: bool
     internal: bool
+    name: str = field(init=False)
+    """The XML element, `AK` of `AK.A1`."""
+    attribute: str = field(init=False)
+    """The XML attribute, `A1` of `AK.A1`; empty where the value is the element's text."""
 
-    @property
-    def name(self) -> str:
-        """The XML element, `AK` of `AK.A1`."""
-        return self.tag.partition(".")[0]
-
-    @property
-    def attribute(self) -> str:
-        """The XML attribute, `A1` of `AK.A1`; empty where the value is the element's text."""
-        return self.tag.partition(".")[2]
+    def __post_init__(self) -> None:
+        name, _, attribute = self.tag.partition(".")
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "attribute", attribute)
 
 
 @final

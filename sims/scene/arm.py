@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from math import isfinite, radians
 from typing import Any, final
 
@@ -263,10 +263,11 @@ class MovingArm:
             self._events.append(self._kernel.at(end, self.on_collision))
             return
         if end > start and self._may_touch(way_mm):
-            self._sense()
-            for time, closed in crossings(self._gap, (start, (start + end) // 2, end)):
+            gap = cache(self._gap)  # at start and end it is asked for twice
+            self._sense(gap)
+            for time, closed in crossings(gap, (start, (start + end) // 2, end)):
                 self._events.append(self._kernel.at(time, partial(self._touch, closed)))
-            self._clear_mm = self._gap(end)
+            self._clear_mm = gap(end)
             if self._deepest_mm is not None and self._clear_mm < self._deepest_mm:
                 self._events.append(self._kernel.at(end, self.on_collision))
                 return
@@ -320,8 +321,8 @@ class MovingArm:
         self._free_mm = self._world.free(joints)
         return min(0.0, self._free_mm - COLLISION_MARGIN_MM)
 
-    def _sense(self) -> None:
-        self._clear_mm = self._gap(self._kernel.now)
+    def _sense(self, gap: Callable[[int], float] | None = None) -> None:
+        self._clear_mm = (gap or self._gap)(self._kernel.now)
         self._loop.set_closed(self._clear_mm <= 0.0)
 
     def _touch(self, closed: bool) -> None:

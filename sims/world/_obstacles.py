@@ -37,7 +37,7 @@ class Obstacles:
         mouth = bodies[-1][1]
         gap = min(self._to_stand(a, b, radius) for a, b, radius in (*bodies, (mouth, tip, 0.0)))
         for centre, size in self._spheres:
-            gap = min(gap, *(_apart(a, b, centre, centre) - radius - size for a, b, radius in bodies))
+            gap = min(gap, *(_from_line(centre, a, b) - radius - size for a, b, radius in bodies))
         return gap
 
     def between(self, start: Vector, end: Vector, elbow: Vector, wrist: Vector, flange: Vector, tip: Vector) -> bool:
@@ -47,7 +47,7 @@ class Obstacles:
         """
         if any(_apart(start, end, a, b) < radius for a, b, radius in _bodies(elbow, wrist, flange, tip)):
             return True
-        if any(_apart(start, end, centre, centre) < size for centre, size in self._spheres):
+        if any(_from_line(centre, start, end) < size for centre, size in self._spheres):
             return True
         plate_z = self._plate_z
         if plate_z is None:

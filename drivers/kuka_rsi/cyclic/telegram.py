@@ -29,7 +29,10 @@ MARK = "C21", "C22"
 COARSEST_DEG = 0.1
 """Step of the joints at `Precision` 1, the coarsest that RSI has by default."""
 
-_NUMBER = re.compile(r"[-+]?[0-9]{1,20}(?:\.([0-9]{0,30}))?(?:[eE][-+]?[0-9]{1,3})?")
+_WRITTEN = r"[-+]?[0-9]{1,20}(?:\.([0-9]{0,30}))?(?:[eE][-+]?[0-9]{1,3})?"
+_NUMBER = re.compile(_WRITTEN)
+_NUMBERS = re.compile(" ".join([_WRITTEN] * AXES))
+"""The six numbers of an element with a space between: one match for all of them, in each cycle."""
 
 
 @final
@@ -70,12 +73,11 @@ def read_telegram(datagram: bytes) -> Telegram:
     joints, ipoc, delay = root.find("AIPos"), root.findtext("IPOC"), root.find("Delay")
     if joints is None or ipoc is None:
         raise ValueError("without AIPos or IPOC")
-    axes = [_number(joints.get(name, ""), -FARTHEST_JOINT_DEG, FARTHEST_JOINT_DEG) for name in AXIS_NAMES]
-    late = None if delay is None else round(_number(delay.get("D", ""), 0, LARGEST_DELAY)[0])
-    resolution = min(COARSEST_DEG, 10.0 ** -max(decimals for _, decimals in axes))
+    joints_deg, decimals = _axes(joints, FARTHEST_JOINT_DEG)
+    late = None if delay is None else round(_number(delay.get("D", ""), 0, LARGEST_DELAY))
+    resolution = min(COARSEST_DEG, 10.0**-decimals)
     currents = _optional(root.find("MACur"), LARGEST_CURRENT)
     programmed = _optional(root.find("ASPos"), FARTHEST_JOINT_DEG)
-    joints_deg = tuple(value for value, _ in axes)
     return Telegram(ipoc, _count(ipoc), joints_deg, late, resolution, currents, programmed, _mark(root.find("Tech")))
 
 
@@ -84,7 +86,7 @@ def _mark(element: ElementTree.Element | None) -> int:
     if element is None:
         return 0
     try:
-        mark, negative = (_number(element.get(name, ""), -LARGEST_MARK, LARGEST_MARK)[0] for name in MARK)
+        mark, negative = (_number(element.get(name, ""), -LARGEST_MARK, LARGEST_MARK) for name in MARK)
     except ValueError:
         return 0
     return round(mark) if mark == -negative > 0 else 0
@@ -95,7 +97,7 @@ def _optional(element: ElementTree.Element | None, largest: float) -> tuple[floa
     if element is None:
         return None
     try:
-        return tuple(_number(element.get(name, ""), -largest, largest)[0] for name in AXIS_NAMES)
+        return _axes(element, largest)[0]
     except ValueError:
         return None
 
@@ -106,12 +108,23 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _number(text: str, lowest: float, highest: float) -> tuple[float, int]:
-    """The number in ASCII digits, and its number of decimals."""
-    written = _NUMBER.fullmatch(text)
-    if written is None or not lowest <= float(text) <= highest:
+def _axes(element: ElementTree.Element, largest: float) -> tuple[tuple[float, ...], int]:
+    """The numbers A1…A6 in ASCII digits, each within ±`largest`, and the most decimals among them."""
+    texts = [element.get(name, "") for name in AXIS_NAMES]
+    written = _NUMBERS.fullmatch(" ".join(texts))
+    if written is None:
+        raise ValueError(f"A1…A6 of {element.tag} are not six numbers: {', '.join(text[:40] for text in texts)}")
+    values = tuple(map(float, texts))
+    if not max(map(abs, values)) <= largest:
+        raise ValueError(f"A1…A6 of {element.tag} are not within ±{largest:g}: {', '.join(texts)}")
+    return values, max(len(decimals or "") for decimals in written.groups())
+
+
+def _number(text: str, lowest: float, highest: float) -> float:
+    """The number in ASCII digits."""
+    if not _NUMBER.fullmatch(text) or not lowest <= float(text) <= highest:
         raise ValueError(f"'{text[:40]}' is no number within {lowest:g} … {highest:g}")
-    return float(text), len(written[1] or "")
+    return float(text)
 
 
 @final
