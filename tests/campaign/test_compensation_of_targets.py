@@ -1,4 +1,7 @@
-"""Two iterated methods on the heavy-robot cell over the wires: 80 held-out targets come near to the floor."""
+"""Two iterated methods on the heavy-robot cell over the wires: held-out targets come near to the floor.
+
+Half of the 80 targets of `compensation_methods`, whose figures are in docs/compensating-and-verifying.md.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from tests.helpers.tracker import HEAVY_CELL, MOST_MM, OVER_FLOOR, TARGETS, Veri
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 
-SEED = 1
+SEED, N_TARGETS = 1, 40
 
 
 @pytest.fixture(scope="module")
@@ -28,11 +31,11 @@ def model_run(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("method", ["pseudo-target", "cyclic-search"])
-def test_an_iterated_method_brings_80_targets_of_the_heavy_robot_near_the_floor(
+def test_an_iterated_method_brings_targets_of_the_heavy_robot_near_the_floor(
     folder: Path, model_run: Path, method: str
 ) -> None:
-    found = Verified.of(verified(SEED, model_run, folder, method), HEAVY_CELL, SEED)
-    assert len(found.after) == 80
+    found = Verified.of(verified(SEED, model_run, folder, method, targets=N_TARGETS), HEAVY_CELL, SEED)
+    assert len(found.after) == N_TARGETS
     assert found.before.mean() > 0.5
     assert found.after.max() <= MOST_MM
     assert found.ratio.ratio <= OVER_FLOOR

@@ -145,7 +145,7 @@ def test_a_run_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its
     "words",
     [
         ["sphere_selfcal", "--set", "touches_fit=24", "--set", "touches_test=6", "--set", "standoff_targets=4"],
-        ["tracker_calibration"],
+        ["tracker_calibration", "--set", "poses_fit=24", "--set", "poses_test=8", "--set", "turn_points=5"],
     ],
     ids=lambda words: words[0],
 )
