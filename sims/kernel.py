@@ -194,16 +194,13 @@ class Kernel:
 
     def run(self) -> None:
         """Run until `stop`. What an action raises ends the run."""
-        gc.collect()
-        gc.freeze()
-        gc.disable()
+        gc.disable()  # between turns, `_do_chores` collects
         turn = self._lockstep_turn if self.mode == "lockstep" else self._realtime_turn
         try:
             while self._running:
                 turn()
         finally:
             gc.enable()
-            gc.unfreeze()
 
     def stop(self) -> None:
         """End `run` after the present action. Safe from any thread and from a signal handler."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import json
 import mmap
 import os
@@ -200,6 +201,8 @@ def run_cell(path: Path, settings: Settings) -> None:
             end_with_parent(running.kernel, settings.parent)
         memory.write()  # a file that cannot be written is better known now
         _tell(json.dumps(running.ready), settings.ready)
+        gc.collect()
+        gc.freeze()  # what is there now stays to the end: the collector need not look at it
         running.run()
 
 
