@@ -146,6 +146,7 @@ def test_a_robot_that_is_as_its_file_says_is_not_made_worse_and_nothing_is_claim
     assert of.true_error(auto) <= of.true_error(of.fitted(60))
 
 
+@pytest.mark.long
 def test_a_wave_that_nobody_named_is_in_the_turns_of_its_joint():
     """17 waves per turn of joint 2, which moves over 80°: there waves of neighbouring orders make the same shape."""
     of = measured(5, 350, ripple_deg=0.01)

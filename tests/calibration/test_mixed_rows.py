@@ -76,6 +76,7 @@ def test_all_kinds_together_are_surer_than_the_best_of_them_for_every_robot(erro
     assert np.all(errors["all"][:, 1] < alone)
 
 
+@pytest.mark.long
 def test_all_kinds_together_find_the_robot_better_than_any_alone(errors):
     for kind in SIGMA:
         assert rms(errors["all"][:, 0]) < rms(errors[kind][:, 0])

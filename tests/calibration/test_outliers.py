@@ -110,6 +110,7 @@ def test_a_row_is_judged_by_what_the_others_foresee_of_it(touches, touch_task):
         assert linear.leave_one_out_chi2(kept)[0][row] == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_real_robots_scatter_does_not_refuse_a_gain_that_other_touches_show_plainly(draw, touch_task):
     """As in Wang et al. 2024: what the model lacks scatters the touches by many times the robot's repeatability."""
     tried = []

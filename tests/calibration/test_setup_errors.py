@@ -163,6 +163,7 @@ def test_no_zero_is_claimed_that_base_or_tool_take_up(measured):
     assert named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joint", [3, 5])
 def test_a_zero_off_by_less_than_two_degrees_is_left_to_the_identification(kuka, joint):
     for by in (1.7, -1.7, 4.0):
@@ -454,6 +455,7 @@ def test_the_file_of_another_robot_does_not_belong_to_the_rows():
     assert fit.left_mm > 5.0
 
 
+@pytest.mark.long
 def test_another_robot_of_the_same_family_is_recognised_by_its_lengths():
     data = Measured(13, 60, robot=UR10)
     for name, wrong in {"ur5": {"a2": -187.0, "a3": -180.05}, "ur16e": {"a2": -133.6, "a3": -212.3}}.items():

@@ -95,6 +95,7 @@ def climbed(count, seed):
     return climb(task, task.rows)
 
 
+@pytest.mark.long
 @needs_data
 def test_harmonics_that_fail_at_an_end_of_a_joint_are_kept_without_the_bands_that_do():
     """With all bands, the 20 postures with the highest shoulder are predicted twice as far off as by geometry alone."""

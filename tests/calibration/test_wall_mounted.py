@@ -97,6 +97,7 @@ def test_what_bends_under_the_weight_is_found_with_its_size(as_it_hangs):
     assert np.linalg.norm(first) > 1e-4  # the first joint carries the arm sideways
 
 
+@pytest.mark.long
 def test_auto_finds_out_that_a_robot_on_a_wall_bends_under_its_weight(data):
     steps = {step.model: step for step in fitted(data, "wall", "auto").ladder}
     assert steps["geometry+compliance"].kept

@@ -52,6 +52,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(disk)], check=True)
 
 
+@pytest.mark.long
 def test_a_disk_that_fills_up_ends_the_run_and_what_was_committed_is_kept(small_disk: Path, tmp_path: Path) -> None:
     arguments = ["run", touches_procedure(tmp_path), "--cell", cell_with(tmp_path), "--runs", small_disk]
     done = cellctl(*arguments)

@@ -73,6 +73,7 @@ def first_day(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path, RunS
     return run("daily_check", runs, {"samples": 2}, *remembered(runs))
 
 
+@pytest.mark.long
 def test_the_first_daily_check_starts_a_baseline_and_is_replayed(first_day: tuple[int, Path, RunState]) -> None:
     code, folder, state = first_day
     assert code == 0
@@ -112,6 +113,7 @@ def test_a_simulated_cell_that_remembers_the_day_before_has_new_noise_and_is_in_
     assert 0.01 < np.abs(np.subtract(today.points, before.points)).max() < 1.0
 
 
+@pytest.mark.long
 def test_a_short_test_by_iso_9283_measures_the_robot_by_nominal_joints(tmp_path: Path) -> None:
     settings = {**QUICK, "samples": 1, "cycles": 2, "registration_poses": 10, "directions": "false", "reflectors": 1}
     code, folder, state = run("iso9283", tmp_path / "runs", settings)

@@ -40,6 +40,7 @@ def off_truth(ended: Ended, cell: Path, folder: Path) -> np.ndarray:
     return np.linalg.norm(measured - contacts, axis=1)
 
 
+@pytest.mark.long
 def test_without_scatter_the_measured_contact_is_the_true_one_to_a_hundredth(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, "  errors: {repeatability: 0}\n")
     ended = run_here(touches_procedure(tmp_path), cell, tmp_path)

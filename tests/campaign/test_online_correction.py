@@ -43,6 +43,7 @@ def heavy_with(folder: Path, *faults: str) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_moves_end_where_program_and_correction_put_them_and_without_it_where_the_program_does(tmp_path):
     async def go():
         async with simulated_robot(heavy_with(tmp_path)) as bench:

@@ -78,6 +78,7 @@ def test_fifty_random_kills_lose_and_repeat_nothing(seed: int, tmp_path: Path) -
         _nothing_lost_or_doubled(journal)
 
 
+@pytest.mark.long
 def test_a_cut_off_touch_is_not_repeated_before_somebody_has_looked(tmp_path: Path) -> None:
     procedure, cell = str(touches_procedure(tmp_path)), str(cell_with(tmp_path))
     common = [procedure, "--cell", cell, "--runs", str(tmp_path / "runs")]

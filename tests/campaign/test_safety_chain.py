@@ -69,9 +69,9 @@ WAITING = "interlocks:\n" + "".join(
     ("fault", "resume"),
     [
         ("safety.guard_open", "auto"),
-        ("safety.guard_open", "operator"),
+        pytest.param("safety.guard_open", "operator", marks=pytest.mark.long),
         ("safety.emergency_stop", "auto"),
-        ("plc.gone, for_ms: 3000", "auto"),
+        pytest.param("plc.gone, for_ms: 3000", "auto", marks=pytest.mark.long),
         ("plc.stale, for_ms: 3000", "auto"),
     ],
 )

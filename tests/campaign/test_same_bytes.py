@@ -29,6 +29,7 @@ def _events(folder, run, **environment):
     return [*events, (ended_ns, replace(ended, calendar=""))]
 
 
+@pytest.mark.long
 @pytest.mark.campaign
 def test_a_campaign_over_wires_that_delay_everything_is_the_same_to_the_nanosecond(tmp_path):
     quick = _events(tmp_path, "quick")

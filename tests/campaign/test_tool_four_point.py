@@ -22,6 +22,7 @@ ONLY_THE_TOOL = "  errors: {geometry: 0, joint_zero: 0, deflection: 0}\n"
 FEW = ["--set", "orientations=5", "--set", "orientations_test=2", "--set", "touches=3"]
 
 
+@pytest.mark.long
 def test_on_a_robot_with_a_wrong_tool_alone_the_true_tool_is_found_and_replay_finds_it_again(tmp_path: Path) -> None:
     cell, result = cell_with(tmp_path, ONLY_THE_TOOL), tmp_path / "result.json"
     done = cellctl("run", "tool_four_point", "--cell", cell, *FEW, "--runs", tmp_path / "runs", "--json", result)
@@ -42,6 +43,7 @@ def test_on_a_robot_with_a_wrong_tool_alone_the_true_tool_is_found_and_replay_fi
     assert "tool.yaml" in {file.name for file in again.artefacts}
 
 
+@pytest.mark.long
 def test_a_robot_that_nobody_moves_between_the_confirmations_finds_no_tool(tmp_path: Path) -> None:
     done = cellctl("run", "tool_at_point", "--confirm-all", "--runs", tmp_path / "runs")
     assert done.returncode == 2

@@ -276,6 +276,7 @@ def test_a_reflector_of_the_plate_that_is_measured_twice_is_named(tmp_path: Path
     assert_ended_safely(ended)
 
 
+@pytest.mark.long
 def test_a_monument_nest_that_is_measured_twice_is_named(tmp_path: Path, capsys: Any) -> None:
     true = cell_of(tmp_path, name="true.yaml")
     cell = tmp_path / "cell.yaml"
@@ -341,6 +342,7 @@ def test_an_instrument_that_is_not_levelled_at_the_start_is_refused_before_any_m
     assert not ended.journal.recorded(SetUpRow)
 
 
+@pytest.mark.long
 def test_a_wrong_reflector_constant_is_found_before_any_pose_is_measured(tmp_path: Path, capsys: Any) -> None:
     ended = run(tmp_path, "fault: reflector.wrong, mm: 2")
     end = told(ended, tmp_path, capsys)

@@ -41,6 +41,7 @@ def cell_that_loses_both(folder: Path, procedure: str) -> Path:
     return cell
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("procedure", SHIPPED)
 def test_a_robot_that_is_not_confirmed_to_stand_moves_again_only_after_an_acknowledgement(
     tmp_path: Path, procedure: str
@@ -54,6 +55,7 @@ def test_a_robot_that_is_not_confirmed_to_stand_moves_again_only_after_an_acknow
     not_moved_without_a_word(only_run(tmp_path / "runs"), given)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("procedure", SHIPPED)
 def test_nor_does_a_run_that_is_killed_beside_it(tmp_path: Path, procedure: str) -> None:
     runs = tmp_path / "runs"

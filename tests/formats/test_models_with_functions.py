@@ -44,6 +44,7 @@ def model(fitted):
     return ModelFile.of(ROBOT, *fitted)
 
 
+@pytest.mark.long
 def test_harmonics_and_a_discrepancy_come_back_from_a_file_as_they_were_fitted(tmp_path):
     fitted = measured_and_fitted("geometry+harmonics")
     model = ModelFile.of(ROBOT, *fitted)

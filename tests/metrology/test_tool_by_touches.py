@@ -42,6 +42,7 @@ def test_touches_without_errors_give_tool_and_centre_exactly() -> None:
 
 # 3 for known sizes of the errors. Noise alone: less, for neither size is ever found below the stated one. An error of
 # each orientation: more, for its size is estimated from 8 orientations.
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("common", "low", "high"), [(0.0, 1.7, 3.3), (0.8, 2.5, 4.6)], ids=["noise alone", "an error of each orientation"]
 )

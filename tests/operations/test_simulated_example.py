@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cellctl.operations import analyses
 from tests.helpers import simulated_data
@@ -14,6 +15,7 @@ def test_the_example_is_what_the_simulated_world_gives() -> None:
     np.testing.assert_allclose(shipped, made, atol=6e-4)
 
 
+@pytest.mark.long
 def test_the_example_is_understood_and_its_robot_becomes_better(tmp_path) -> None:
     folder, record = analyses.new_analysis(tmp_path, "Ada", analyses.EXAMPLE.name)
     (folder / record.data).write_bytes(analyses.EXAMPLE.read_bytes())

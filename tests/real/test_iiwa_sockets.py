@@ -54,6 +54,7 @@ def geometry(folder):
     return left_out_in_turn(folder, "--model", "geometry", "--spacing", "0,1=50±0.05")
 
 
+@pytest.mark.long
 def test_at_a_place_that_the_fit_never_saw_the_sockets_scatter_as_little_as_asked_for(geometry):
     assert set(geometry["by"]) == set(ASKED_FOR)
     for place, most in ASKED_FOR.items():

@@ -9,6 +9,7 @@ from tests.helpers.real_data import DATA, PLACES, cellctl, visits
 pytestmark = pytest.mark.skipif(not (DATA / "panda_sockets").exists(), reason=f"no sockets at {DATA}")
 
 
+@pytest.mark.long
 def test_a_tool_that_was_never_found_is_no_gain_of_the_model(tmp_path, capsys):
     data = visits("panda", PLACES["panda"], tmp_path / "panda.csv")
     options = ["--model", "geometry", "--by", "session", "--json", tmp_path / "r.json"]

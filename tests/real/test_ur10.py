@@ -53,6 +53,7 @@ def test_identified_geometry_halves_the_error_at_points_never_seen(result):
     assert result["verdict"] == "better"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sister", ["ur5", "ur16e"])
 def test_the_file_of_a_sister_is_refused_with_the_lengths_and_the_robot_that_was_measured(folder, capsys, sister):
     assert cellctl("fit", sister, folder / "ur10.csv", "--measure", "position", "--model", "geometry") == 2

@@ -173,6 +173,7 @@ def test_three_outliers_in_forty_are_named_and_no_others(fit, rows):
     assert result["test"]["mean"] < 0.06
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("share", "size_mm"), [(0.25, 0.3), (0.25, 2.0), (0.4, 0.3), (0.4, 1.0), (0.4, 20.0), (0.6, 1.0), (0.6, 20.0)]
 )

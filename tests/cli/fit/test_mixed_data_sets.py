@@ -243,6 +243,7 @@ def test_auto_keeps_what_pays_and_says_what_it_tried(fitted, capsys):
     assert "geometry+growth: kept" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_models_effects_come_back_from_its_file(fitted, tmp_path):
     columns = grown(np.random.default_rng(7))
     rng = np.random.default_rng(1)

@@ -103,6 +103,7 @@ def test_lengths_known_only_roughly_are_let_through_once_the_file_states_so(file
     assert problems(files) == []
 
 
+@pytest.mark.long
 def test_the_file_of_a_sister_is_refused_with_the_robot_of_the_library_that_was_measured(cellctl, capsys):
     """Rows of a KR5 R1400, written by another program; the elbow of the KR5 arc is 80 mm wider."""
     assert cellctl("fit", "kr5_arc", GOLDEN / "poses.csv", "--model", "geometry") == 2

@@ -62,6 +62,7 @@ def model(world, request, tmp_path_factory):
     return out
 
 
+@pytest.mark.long
 def test_between_the_loads_it_predicts_within_its_sigma(model, world, tmp_path):
     """3 kg were never measured. 60 unknowns of 480 numbers with 0.02 mm leave 0.01 mm."""
     data = write(tmp_path / "between.csv", rows(world, [3.0], 40, 0.0))

@@ -68,6 +68,7 @@ def test_a_verb_runs_without_posix_modules(words: list[object], code: int, said:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_a_model_is_made_and_used_without_posix_modules(folder: Path) -> None:
     fit = ["fit", INPUTS / "six.yaml", INPUTS / "poses.csv", "--model", "geometry", "--report", "fit.html"]
     for words in (

@@ -169,6 +169,7 @@ def test_a_station_that_is_bumped_in_the_run_ends_it_without_a_verdict(tmp_path:
     assert run.journal.last(DailyVerdict) is None
 
 
+@pytest.mark.long
 def test_the_share_of_false_alarms_is_the_stated_one(day: DayPoints) -> None:
     rng, limits = np.random.default_rng(5), Limits(false_alarm=0.1)
     found = [charts([another_day(day, rng) for _ in range(21)], limits)[0] for _ in range(300)]

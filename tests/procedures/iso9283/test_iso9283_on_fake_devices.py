@@ -64,6 +64,7 @@ def true_error(truth: Truth, readings: Floats) -> Floats:
     return np.asarray(np.linalg.norm(places[1] - places[3]))
 
 
+@pytest.mark.long
 def test_the_table_of_a_calibration_makes_the_five_points_better(compensated: FakeRun) -> None:
     found = verdict_of(compensated)
     assert compensated.outcome.state is State.FINISHED, compensated.outcome.error
