@@ -112,10 +112,13 @@ def test_one_pass_leaves_less_than_two_micrometres_of_tenths_of_a_millimetre(nom
 def test_errors_of_joint_zeros_alone_are_subtracted_once(nominal, postures_near_home, method):
     zeros = {"theta2": 0.003, "theta5": -0.002}
     robot = RobotModel(nominal.with_parameters(zeros))
-    found = compensate(nominal, robot, nominal.forward(postures_near_home), postures_near_home, method=method)
+    targets = nominal.forward(postures_near_home)
+    found = compensate(nominal, robot, targets, postures_near_home, method=method)
     expected = found.nominal_q - [0.0, 0.003, 0.0, 0.0, -0.002, 0.0]
     np.testing.assert_allclose(found.compensated_q, expected, atol=1e-9)
     assert found.converged.all()
+    before = np.linalg.norm(robot.tcp(found.nominal_q) - targets[:, :3, 3], axis=1)
+    np.testing.assert_allclose(found.error_mm[0], before, atol=1e-9)
 
 
 def test_nominal_joints_are_what_a_controller_without_corrections_computes(nominal, identified, postures_near_home):

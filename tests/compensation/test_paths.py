@@ -99,7 +99,7 @@ def test_a_circular_angle_ends_the_way_there_with_the_end_points_orientation(ang
 
 
 def test_three_points_on_a_line_are_no_circle():
-    at = lambda x: pose(np.eye(3), [x, 0.0, 0.0])  # noqa: E731
+    at = lambda x: pose(np.eye(3), [x, 500.0, 300.0])  # noqa: E731
     with pytest.raises(ValueError, match="no circle"):
         Arc.of(at(0.0), at(100.0)[:3, 3], at(200.0))
 
@@ -156,7 +156,9 @@ def test_a_way_out_of_reach_is_not_followed_and_not_divided(nominal, identified)
     start = nominal.forward(HOME)
     far = Line(start, moved(start, (2000, 0, 0)))
     assert not deviations(nominal, identified, [far], [far], HOME[None]).followed[0]
-    assert "cannot be followed" in divided(nominal, identified, far, HOME, tolerance_mm=0.05).reason
+    found = divided(nominal, identified, far, HOME, tolerance_mm=0.05)
+    assert "cannot be followed" in found.reason
+    assert (len(found.shares), len(found.sent), len(found.bound_mm), len(found.q)) == (0, 0, 0, 0)
 
 
 def test_the_posture_along_a_way_is_at_its_share_and_there_is_none_where_the_way_is_out_of_reach(nominal):

@@ -302,6 +302,12 @@ def test_the_context_has_the_limits_of_the_cell_file_and_the_tolerance_of_the_ad
     assert parameters(root, "ETHERNET") == ethernet
 
 
+def test_the_text_beside_the_context_names_the_same_limits(made: dict[str, str]) -> None:
+    text = "\n".join(made.values())
+    assert "LowerLim / UpperLim of each axis -3 / +3 (degrees" in text
+    assert "MaxA1 ... MaxA6 4: RSI stops there" in text
+
+
 PUBLISHED = {
     "cellctl.rsix": {
         "Ethernet": ("64", {"ConfigFile": "0", "Timeout": "0", "Flag": "3", "Precision": "7"}),

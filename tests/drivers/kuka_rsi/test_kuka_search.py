@@ -295,6 +295,7 @@ def test_the_controller_s_own_late_count_is_reported(controller, connected, run)
     result, health = run(search())
     assert result.late == (len(controller.answers) - 1) // 100 > 0
     assert health.figures["late_reported"] == result.late
+    assert health.figures["unreadable"] == 0
 
 
 def test_malformed_telegrams_are_counted_and_not_answered(controller, connected, run):

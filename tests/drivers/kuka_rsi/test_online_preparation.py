@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from cellctl.clock import WallClock
-from cellctl.devices import CorrectionModel, DeviceLost, DeviceRefused
+from cellctl.devices import CorrectionModel, DeviceLost, DeviceRefused, DeviceUncertain
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, pack
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection
@@ -33,7 +33,7 @@ class Preparing:
     def __init__(self):
         self.block, fd = SharedBlock.create()
         os.close(fd)
-        self.asked, self.alive = [], True
+        self.asked, self.alive, self.confirms = [], True, True
         process = SimpleNamespace(block=self.block, lost=self.lost)
         eki = SimpleNamespace(ask=self.ask, stat=SimpleNamespace(program="READY", message=""))
         lines = SimpleNamespace(
@@ -52,6 +52,8 @@ class Preparing:
 
     async def ask(self, operation, timeout_s=0.0):
         self.asked.append(operation)
+        if not self.confirms:
+            raise DeviceLost("robot", f"no answer to {operation}")
         return Reply(1, 0, "", None, {})
 
     async def correction_on(self):
@@ -64,6 +66,30 @@ class Preparing:
         assert not self.holding.correcting
         assert self.block.words[Slot.ORDER] == 0
         return self.block.online.words[OnlineSlot.ORDER] != self.holding.search
+
+
+@pytest.mark.parametrize(
+    ("confirmed", "cause", "said"),
+    [
+        (True, DeviceLost("robot", "the line is gone"), DeviceLost),
+        (False, DeviceLost("robot", "the line is gone"), DeviceUncertain),
+        (True, asyncio.CancelledError(), asyncio.CancelledError),
+        (False, asyncio.CancelledError(), asyncio.CancelledError),
+    ],
+)
+def test_only_a_standstill_that_is_not_confirmed_makes_an_error_uncertain(confirmed, cause, said):
+    async def go():
+        robot = Preparing()
+        robot.confirms = confirmed
+        try:
+            async with robot.holding.held_in_trouble():
+                raise cause
+        except BaseException as told:
+            return told, robot.asked
+
+    told, asked = asyncio.run(go())
+    assert type(told) is said
+    assert asked == ["HALT"]
 
 
 async def under_way(robot):
