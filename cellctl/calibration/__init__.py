@@ -24,17 +24,15 @@ from cellctl.calibration.effects import (
     kinds,
 )
 from cellctl.calibration.effects.stored import effect_of, settings_of
-from cellctl.calibration.estimation.estimate import Estimate, estimate
-from cellctl.calibration.estimation.identify import Identification, identify
-from cellctl.calibration.estimation.moved import MOVED
-from cellctl.calibration.estimation.progress import Progress
-from cellctl.calibration.estimation.task import Session, Task
+from cellctl.calibration.identification.identify import Identification, identify
+from cellctl.calibration.identification.ladder import Step
+from cellctl.calibration.identification.moved import MOVED
+from cellctl.calibration.identification.progress import Progress
 from cellctl.calibration.model.parameter import Group, Parameter, Unit
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
 from cellctl.calibration.observability.unobservable import Hidden, Observability, observability
-from cellctl.calibration.prediction.measured_region import MeasuredRegion
 from cellctl.calibration.prediction.predict import (
     Frame,
     Kind,
@@ -53,6 +51,8 @@ from cellctl.calibration.prediction.touches import (
     locate_sphere,
     plane_estimates,
 )
+from cellctl.calibration.problem.measured_region import MeasuredRegion
+from cellctl.calibration.problem.task import Session, Task
 from cellctl.calibration.rows import (
     Measured,
     PlaneRows,
@@ -64,7 +64,7 @@ from cellctl.calibration.rows import (
     TouchRows,
 )
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.calibration.selection.ladder import Step
+from cellctl.calibration.solver.estimate import Estimate, estimate
 from cellctl.calibration.verdict.fit import FitResult, fit
 from cellctl.calibration.verdict.judgement import (
     Baseline,

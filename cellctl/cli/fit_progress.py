@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, final
 
-from cellctl.calibration.estimation.progress import Progress
+from cellctl.calibration.identification.progress import Progress
 
 QUIET_S = 2.0
 """No output in the first seconds."""

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cellctl.calibration.estimation.progress import Progress
+from cellctl.calibration.identification.progress import Progress
 from cellctl.facade._inputs import Robot, read, robot
 from cellctl.facade._models import Model, load
 from cellctl.formats import RobotFile, load_artefact

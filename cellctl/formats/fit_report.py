@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration import MOVED, ErrorFigures, FitResult, functions, verdict_sentence
-from cellctl.calibration.estimation.moved import Placing, zero_changes
+from cellctl.calibration.identification.moved import Placing, zero_changes
 from cellctl.formats.measurements import Measurements
 
 WIDE = 3.0

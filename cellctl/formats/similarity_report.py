@@ -10,7 +10,7 @@ import numpy as np
 
 from cellctl.analysis import Correlation, EmpiricalSemivariogram, ErrorSet, Similarity, UnsuitableRows
 from cellctl.calibration import State
-from cellctl.calibration.estimation.identify import inliers_among, registered
+from cellctl.calibration.identification.identify import inliers_among, registered
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.files import InputError, Problem
 from cellctl.formats._prior import from_prior

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration.distributions import chi2_ppf, chi2_sf
-from cellctl.calibration.estimation.registration import rigid_fit
+from cellctl.calibration.problem.registration import rigid_fit
 from cellctl.kinematics import Floats, inverse_pose, pose, pose_difference
 from cellctl.metrology.points import whitened
 

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Self, TypeAlias, final
 
-from cellctl.calibration.estimation.progress import Progress, part_of, silent
+from cellctl.calibration.identification.progress import Progress, part_of, silent
 from cellctl.clock import calendar_time
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import RobotFile, load_artefact

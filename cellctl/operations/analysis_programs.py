@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
-from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import DataSet, ModelFile
 from cellctl.formats.dataset import text_of

@@ -20,8 +20,8 @@ import numpy as np
 
 from cellctl.calibration import RobotModel
 from cellctl.calibration.distributions import chi2_sf, normal_sf
-from cellctl.calibration.estimation.registration import rigid_fit
 from cellctl.calibration.prediction.predict import shape_columns
+from cellctl.calibration.problem.registration import rigid_fit
 from cellctl.formats import ModelFile
 from cellctl.formats.model import Parameter
 from cellctl.kinematics import Bools, Floats

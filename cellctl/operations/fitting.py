@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
 import numpy as np
 
 from cellctl.calibration import FitResult, Split, fit
-from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.files import Document, InputError, Problem, load_yaml, sha256_of
 from cellctl.files.kinds import ROBOT
 from cellctl.formats import (

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.formats import Artefact, load_artefact
 from cellctl.formats.measurements import Measurements

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
-from cellctl.calibration.estimation.progress import Progress, silent
+from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.formats.dataset import DataSet, Sieve, joints_of, text_of

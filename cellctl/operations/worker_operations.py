@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cellctl.calibration.estimation.progress import Progress
+from cellctl.calibration.identification.progress import Progress
 from cellctl.files import write_atomically
 from cellctl.operations.analyses import FitSettings, fit_analysis, understand_analysis
 from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis

@@ -15,8 +15,8 @@ from typing import TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.progress import Progress, silent
-from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.identification.progress import Progress, silent
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, TouchRows
 from cellctl.kinematics import Floats, JointMap
 from cellctl.setup_check._mixed_units import mixed_units

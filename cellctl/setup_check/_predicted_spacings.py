@@ -20,10 +20,10 @@ from typing import Self, final
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from cellctl.calibration.estimation.estimate import Estimate, estimate
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.solver.estimate import Estimate, estimate
 from cellctl.kinematics import Bools, Floats
 
 AS_GOOD = 36.0

@@ -14,10 +14,10 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.estimate import estimate
 from cellctl.calibration.model.unknowns import PLACED
 from cellctl.calibration.rows import Measured
 from cellctl.calibration.rows.fixed_points import least_squares
+from cellctl.calibration.solver.estimate import estimate
 from cellctl.kinematics import Floats
 from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
 from cellctl.setup_check.misfit import CORE, misfit, steps_of

@@ -14,12 +14,12 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.estimate import Estimate
-from cellctl.calibration.estimation.identify import Identification, Weights, identify, identify_kept
-from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.identification.identify import Identification, Weights, identify, identify_kept
+from cellctl.calibration.identification.ladder import climb
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import SocketRows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.calibration.selection.ladder import climb
+from cellctl.calibration.solver.estimate import Estimate
 from cellctl.kinematics import Bools, Floats
 from cellctl.setup_check._predicted_spacings import (
     FAR,

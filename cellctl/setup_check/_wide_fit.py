@@ -18,11 +18,11 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.estimate import Estimate, estimate
-from cellctl.calibration.estimation.identify import certified_rows
+from cellctl.calibration.identification.identify import certified_rows
 from cellctl.calibration.model.parameter import Parameter
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.rows import Measured
+from cellctl.calibration.solver.estimate import Estimate, estimate
 from cellctl.kinematics import Floats
 from cellctl.setup_check.hypothesis import Setup
 from cellctl.setup_check.misfit import IMPLAUSIBLE, LEAST_MM, Misfit, misfit, nearest, only, rms, row_errors

@@ -8,8 +8,8 @@ from typing import Any, Literal, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import Measured
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats, JointMap, SerialChain

@@ -8,8 +8,8 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Floats
 from cellctl.setup_check.hypothesis import Setup

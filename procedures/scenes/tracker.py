@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.calibration.estimation.registration import rigid_fit
+from cellctl.calibration.problem.registration import rigid_fit
 from cellctl.console.scene.points import Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
 from procedures.steps.iso9283.rows import IsoPoseRow, IsoRow

@@ -12,10 +12,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import PositionRows, Split, State, Task, Tolerances, Unknowns, fit, identify
-from cellctl.calibration.estimation.evidence import LARGEST
-from cellctl.calibration.estimation.identify import registered
-from cellctl.calibration.estimation.registration import rigid_fit
+from cellctl.calibration.identification.identify import registered
 from cellctl.calibration.observability import reasons
+from cellctl.calibration.problem.registration import rigid_fit
+from cellctl.calibration.solver.evidence import LARGEST
 from cellctl.formats import RobotFile, nominal_model
 
 ROBOT = RobotFile.load(Path(__file__).parents[2] / "procedures" / "papers" / "robots" / "flexible_arm.yaml")

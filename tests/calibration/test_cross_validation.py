@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cellctl.calibration import PositionRows, Task, estimate
-from cellctl.calibration.estimation.identify import nominal_start
+from cellctl.calibration.folds import random_folds
+from cellctl.calibration.identification.identify import nominal_start
 from cellctl.calibration.selection.cross_validation import Folded
-from cellctl.calibration.selection.folds import random_folds
 from cellctl.formats import nominal_model
 
 SIGMA, ROWS = 0.02, 60

@@ -8,9 +8,9 @@ import yaml
 
 from cellctl.calibration import JointField, Split, fit, predict
 from cellctl.calibration.effects import EffectInputs
+from cellctl.calibration.identification.ladder import remainder
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.residual_model import Remainder
-from cellctl.calibration.selection.ladder import remainder
+from cellctl.calibration.model.residual_model import Remainder
 from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
 from tests.helpers import arms
 from tests.helpers.arms import csv_text, joints_and_places

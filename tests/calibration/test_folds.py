@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cellctl.calibration.selection.folds import FOLDS, end_folds, random_folds
+from cellctl.calibration.folds import FOLDS, end_folds, random_folds
 
 
 @pytest.mark.parametrize("count", [1, 3, 200])

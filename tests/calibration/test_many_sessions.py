@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import RowBlocks, Session, State, Task, Tolerances, Unknowns, identify
-from cellctl.calibration.estimation.identify import sampled
+from cellctl.calibration.identification.identify import sampled
 from cellctl.calibration.selection.cross_validation import Linear
 from tests.helpers.own_campaigns import Campaign, certificate, nominal_of, place
 from tests.helpers.simulated_setups import SPHERES
@@ -99,7 +99,7 @@ def beside_positions(count, outlying=()):
 
 
 def test_wild_touches_are_found_beside_any_number_of_positions(monkeypatch):
-    monkeypatch.setattr(sys.modules["cellctl.calibration.estimation.identify"], "SEARCHED", 200)
+    monkeypatch.setattr(sys.modules["cellctl.calibration.identification.identify"], "SEARCHED", 200)
     found = identify(beside_positions(2000, outlying=(4, 17)))
     assert found.outliers == (2004, 2017)
     assert found.n_inconsistent == 0

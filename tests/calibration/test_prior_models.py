@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import Estimate, PositionRows, Session, Task, identify, predict
-from cellctl.calibration.estimation.moved import zero_changes
+from cellctl.calibration.identification.moved import zero_changes
 from tests.helpers.own_campaigns import Campaign, nominal_of, place
 from tests.helpers.own_model import Floats, six_of
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.calibration.estimation.evidence import NormalEquations, System
+from cellctl.calibration.solver.evidence import NormalEquations, System
 
 NAMES = [f"harmonics{number}" for number in range(24)]
 

@@ -16,9 +16,9 @@ from cellctl.calibration import (
     RobotModel,
     Task,
 )
+from cellctl.calibration.folds import FIFTH, end_folds
+from cellctl.calibration.identification.ladder import _Ladder, climb
 from cellctl.calibration.residuals.harmonics import SLOW
-from cellctl.calibration.selection.folds import FIFTH, end_folds
-from cellctl.calibration.selection.ladder import _Ladder, climb
 from cellctl.calibration.selection.model_error import WORSE_AT_END, Gain, worst_end
 from cellctl.formats import RobotFile
 from tests.studies import outside_the_joints as ur10

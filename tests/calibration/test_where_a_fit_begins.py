@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import Task, TouchRows, identify
-from cellctl.calibration.estimation.registration import fixed_points
+from cellctl.calibration.problem.registration import fixed_points
 from cellctl.calibration.rows.fixed_points import sphere_centre
 from tests.helpers.own_campaigns import Campaign, nominal_of
 

@@ -19,7 +19,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import PositionRows, RobotModel, Task
-from cellctl.calibration.estimation.identify import registered
+from cellctl.calibration.identification.identify import registered
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile

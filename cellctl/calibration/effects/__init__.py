@@ -6,7 +6,8 @@ from cellctl.calibration.effects._backlash import Backlash
 from cellctl.calibration.effects._compliance import JointCompliance
 from cellctl.calibration.effects._deflection import DEFLECTION, ToolDeflection
 from cellctl.calibration.effects._thermal_expansion import ThermalExpansion
-from cellctl.calibration.effects.effect import (
+from cellctl.calibration.effects.motor_torsion import MotorTorsion
+from cellctl.calibration.model.effect import (
     DOWN,
     STANDARD_GRAVITY,
     Direction,
@@ -15,12 +16,11 @@ from cellctl.calibration.effects.effect import (
     OnlineTerms,
     OwnTurns,
 )
-from cellctl.calibration.effects.motor_torsion import MotorTorsion
 from cellctl.calibration.model.parameter import Group
+from cellctl.calibration.model.residual_model import ResidualModel
 from cellctl.calibration.residuals.discrepancy import Discrepancy
 from cellctl.calibration.residuals.harmonics import Harmonics, Wave
 from cellctl.calibration.residuals.joint_field import JointField
-from cellctl.calibration.residuals.residual_model import ResidualModel
 
 EFFECTS: tuple[type[Effect], ...] = (
     ToolDeflection,

@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import Effect, EffectInputs, OnlineTerms
+from cellctl.calibration.model.effect import Effect, EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain

@@ -10,7 +10,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 
 from cellctl.calibration.effects import Effect, kinds
-from cellctl.calibration.effects.effect import STORED
+from cellctl.calibration.model.effect import STORED
 
 KIND = "kind"
 

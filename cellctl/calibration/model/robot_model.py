@@ -9,9 +9,10 @@ from typing import Any, Self, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.calibration.effects import Effect, OwnTurns, ResidualModel
+from cellctl.calibration.model.effect import Effect, OwnTurns
 from cellctl.calibration.model.parameter import Parameter, of_chain
 from cellctl.calibration.model.postures import At, Postures
+from cellctl.calibration.model.residual_model import ResidualModel
 from cellctl.kinematics import Bools, Floats, SerialChain
 
 _EffectPart: TypeAlias = tuple[slice, Floats | OwnTurns | None, Floats | None]

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.estimation.estimate import linearised
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Measured, Rows, SocketRows
+from cellctl.calibration.solver.estimate import linearised
 from cellctl.kinematics import Bools, Floats
 
 ROWS = 60

@@ -19,10 +19,10 @@ from typing import Any, final
 import numpy as np
 import scipy.linalg
 
-from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.model.parameter import FRAMES, Group, Parameter, Phrase
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.observability.reasons import Rowed, any_posture, reasons_for
+from cellctl.calibration.solver.estimate import Estimate
 from cellctl.kinematics import Bools, Floats
 
 _WITH = " with "
@@ -262,3 +262,36 @@ def _floored(effect: Floats) -> Floats:
 def _strong(parameters: list[Parameter], shares: Floats) -> tuple[Parameter, ...]:
     """The parameters with a tenth or more of the greatest share."""
     return tuple(parameters[index] for index in np.flatnonzero(np.abs(shares) >= 0.1 * np.max(np.abs(shares))))
+
+
+INFORMED = 0.8
+"""Rows have determined a combination of parameters if at most this share of its variance is left. For a model from 80
+positions that takes 10 more, for one from 200 about 30.
+"""
+
+ROUNDING = 1e-9
+"""Variances (scaled) below this share of the greatest one are rounding."""
+
+
+def informed(found: Estimate) -> bool:
+    """Whether the rows of a fit determined any combination of the robot's own parameters: links, zeros, effects.
+
+    Base, tool, points and datums are placements: rows that determine only these do not improve the robot's own model.
+    Without a prior covariance, the tolerances are the prior.
+    """
+    unknowns = found.unknowns
+    mine = unknowns.free & ~np.isin(unknowns.groups, [*_FIRST, *_LAST])
+    if not mine.any():
+        return False
+    columns = np.flatnonzero(mine)
+    before = unknowns.known(columns)
+    after = found.covariance[np.ix_(columns, columns)] / np.outer(unknowns.sigma[columns], unknowns.sigma[columns])
+    return bool(min(_shares(before, after)) <= INFORMED)
+
+
+def _shares(before: Floats, after: Floats) -> Sequence[float]:
+    """Share left of the variance of each combination (generalised eigenvalues of `after` in `before`, (P, P))."""
+    values, vectors = np.linalg.eigh(before)
+    known = values > ROUNDING * values.max()
+    root = vectors[:, known] / np.sqrt(values[known])
+    return [float(share) for share in np.linalg.eigvalsh(root.T @ after @ root)]

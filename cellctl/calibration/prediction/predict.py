@@ -31,7 +31,7 @@ from cellctl.calibration.distributions import chi2_sf
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.prediction.measured_region import MeasuredRegion
+from cellctl.calibration.problem.measured_region import MeasuredRegion
 from cellctl.calibration.rows import Measured
 from cellctl.calibration.selection.cross_validation import squared_distances
 from cellctl.kinematics import Bools, Floats

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.calibration.distributions import t_ppf
-from cellctl.calibration.estimation.estimate import Estimate, estimate
-from cellctl.calibration.estimation.task import Task
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import TouchRows
 from cellctl.calibration.rows.fixed_points import by_pole, planes_of, sphere_centre
+from cellctl.calibration.solver.estimate import Estimate, estimate
 from cellctl.kinematics import Floats
 
 

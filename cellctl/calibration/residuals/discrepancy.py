@@ -16,10 +16,10 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import STORED, EffectInputs, OnlineTerms
+from cellctl.calibration.model.effect import STORED, EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.residual_model import LENGTHS_RAD, PostureBasis, ResidualModel
+from cellctl.calibration.model.residual_model import LENGTHS_RAD, PostureBasis, ResidualModel
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_MM = 0.1

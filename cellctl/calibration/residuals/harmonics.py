@@ -9,10 +9,10 @@ from typing import ClassVar, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.effects.effect import EffectInputs, OnlineTerms, OwnTurns
+from cellctl.calibration.model.effect import EffectInputs, OnlineTerms, OwnTurns
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.residual_model import ResidualModel
+from cellctl.calibration.model.residual_model import ResidualModel
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_RAD = 2e-4

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from cellctl.calibration.effects.effect import EffectInputs, OnlineTerms
+from cellctl.calibration.model.effect import EffectInputs, OnlineTerms
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.residual_model import PostureBasis, Remainder, ResidualModel, spread
+from cellctl.calibration.model.residual_model import PostureBasis, Remainder, ResidualModel, spread
 from cellctl.kinematics import Floats, SerialChain
 
 SHARP = 1e-10

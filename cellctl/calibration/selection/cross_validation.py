@@ -18,12 +18,12 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from cellctl.calibration.distributions import chi2_ppf
-from cellctl.calibration.estimation.estimate import held_beforehand, linearised
-from cellctl.calibration.estimation.evidence import Factor, NormalEquations, System
+from cellctl.calibration.folds import evenly
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.calibration.selection.folds import evenly
+from cellctl.calibration.solver.estimate import held_beforehand, linearised
+from cellctl.calibration.solver.evidence import Factor, NormalEquations, System
 from cellctl.kinematics import Bools, Floats
 
 

@@ -14,16 +14,16 @@ from typing import Any, Self, TypeAlias, final
 import numpy as np
 
 from cellctl.calibration.effects import EffectInputs, ResidualModel, functions, in_order, kinds
-from cellctl.calibration.estimation.estimate import Estimate
-from cellctl.calibration.estimation.evidence import Factor, System
-from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.folds import FIFTH, end_folds
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.unknowns import Unknowns
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded
-from cellctl.calibration.selection.folds import FIFTH, end_folds
+from cellctl.calibration.solver.estimate import Estimate
+from cellctl.calibration.solver.evidence import Factor, System
 from cellctl.kinematics import Bools, Floats
 
 WORTH = 0.01

@@ -9,18 +9,18 @@ from typing import Any, Literal, Self, final
 import numpy as np
 
 from cellctl.calibration.effects import functions, kinds
-from cellctl.calibration.estimation.estimate import Estimate, seen_at_start
-from cellctl.calibration.estimation.identify import Identification, certified_rows, identify, inliers_among
-from cellctl.calibration.estimation.moved import Placing, placing
-from cellctl.calibration.estimation.progress import Progress, part_of, silent
-from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.identification.identify import Identification, certified_rows, identify, inliers_among
+from cellctl.calibration.identification.ladder import Step, climb
+from cellctl.calibration.identification.moved import Placing, placing
+from cellctl.calibration.identification.progress import Progress, part_of, silent
 from cellctl.calibration.observability.other_postures import in_their_sockets
 from cellctl.calibration.observability.reasons import Rowed
-from cellctl.calibration.observability.unobservable import Observability, observability
-from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion, informed
+from cellctl.calibration.observability.unobservable import Observability, informed, observability
 from cellctl.calibration.prediction.predict import POINTS, sigma_among
+from cellctl.calibration.problem.measured_region import OUTSIDE, MeasuredRegion
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.calibration.selection.ladder import Step, climb
+from cellctl.calibration.solver.estimate import Estimate, seen_at_start
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOut, Verdict, judge
 from cellctl.calibration.verdict.proof import Split, doubts, sigma_doubts

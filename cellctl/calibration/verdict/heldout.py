@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellctl.calibration.estimation.estimate import Estimate, estimate
-from cellctl.calibration.estimation.identify import Identification, registered, with_tool_registered
-from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.identification.identify import Identification, registered, with_tool_registered
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.prediction.predict import predict_rows
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import SocketRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.solver.estimate import Estimate, estimate
 from cellctl.calibration.verdict.judgement import HeldOut
 from cellctl.calibration.verdict.reliability import Reliability
 from cellctl.kinematics import Bools, Floats

@@ -8,8 +8,8 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.identify import OVERDETERMINED, Identification
-from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.identification.identify import OVERDETERMINED, Identification
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import Measured
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools

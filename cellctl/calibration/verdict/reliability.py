@@ -10,13 +10,13 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.distributions import binomial_cdf, chi2_isf
-from cellctl.calibration.estimation.identify import Identification, Weights, certified_rows
-from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.prediction.measured_region import OUTSIDE, MeasuredRegion
-from cellctl.calibration.residuals.residual_model import PostureBasis
+from cellctl.calibration.folds import end_folds, evenly, judging, random_folds
+from cellctl.calibration.identification.identify import Identification, Weights, certified_rows
+from cellctl.calibration.model.residual_model import PostureBasis
+from cellctl.calibration.problem.measured_region import OUTSIDE, MeasuredRegion
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded, Predicted, squared_distances
-from cellctl.calibration.selection.folds import end_folds, evenly, judging, random_folds
 from cellctl.kinematics import Floats
 
 OF_EACH_END = 60

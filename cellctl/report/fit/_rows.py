@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration import Measured
-from cellctl.calibration.estimation.evidence import estimated
+from cellctl.calibration.solver.evidence import estimated
 from cellctl.records import IdentificationRow, ResidualsRow
 from cellctl.report.figures import fit_lines, percent, reasons, with_sigma
 from cellctl.report.fit import _parameters as listed_parameters

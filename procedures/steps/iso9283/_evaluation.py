@@ -9,7 +9,7 @@ from typing import Literal, final
 import numpy as np
 
 from cellctl.calibration import ErrorFigures, paired_verdict
-from cellctl.calibration.estimation.registration import base_and_tool, rigid_fit
+from cellctl.calibration.problem.registration import base_and_tool, rigid_fit
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, RobotFile
 from cellctl.formats.table_making import nominal_chain

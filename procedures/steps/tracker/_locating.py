@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from cellctl.calibration.estimation.registration import rigid_fit
+from cellctl.calibration.problem.registration import rigid_fit
 from cellctl.formats.cell_sections import station_of
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.tracker.circles import found_frames, planned_turns, return_pose

@@ -11,7 +11,7 @@ from cellctl.calibration import Parameter, Split, effects, fit
 from cellctl.calibration.effects import EFFECTS, ResidualModel
 from cellctl.calibration.model.parameter import MM, Phrase
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.residual_model import PostureBasis
+from cellctl.calibration.model.residual_model import PostureBasis
 from cellctl.formats import DataSet, ModelFile, RobotFile, measurements
 from cellctl.kinematics import Floats
 from tests.helpers import arms

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import Discrepancy
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.residual_model import PostureBasis
+from cellctl.calibration.model.residual_model import PostureBasis
 
 
 def kernel(one, other, length):

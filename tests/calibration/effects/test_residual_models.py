@@ -5,7 +5,7 @@ import pytest
 
 from cellctl.calibration.effects import Discrepancy, Harmonics, functions, kinds
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.prediction.measured_region import MeasuredRegion
+from cellctl.calibration.problem.measured_region import MeasuredRegion
 
 
 def test_harmonics_field_and_discrepancy_are_the_random_functions():

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from cellctl.calibration.estimation.progress import part_of
+from cellctl.calibration.identification.progress import part_of
 from cellctl.cli.fit_progress import shown_progress, time_left
 
 

@@ -20,9 +20,9 @@ from typing import Self, final
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from cellctl.calibration.effects.effect import Effect
+from cellctl.calibration.folds import random_folds
+from cellctl.calibration.model.effect import Effect
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.selection.folds import random_folds
 from cellctl.kinematics import Floats
 
 LENGTHS_RAD = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)

@@ -35,11 +35,11 @@ import numpy as np
 from scipy.linalg.lapack import dpotri
 
 from cellctl.calibration.effects import kinds
-from cellctl.calibration.estimation.estimate import Estimate, linearised, pins
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.solver.estimate import Estimate, linearised, pins
 from cellctl.kinematics import Bools, Floats
 
 SUPPORTED = 4.0

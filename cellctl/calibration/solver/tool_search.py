@@ -15,10 +15,10 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.estimate import Estimate, linearised
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.rows import Rows, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.solver.estimate import Estimate, linearised
 from cellctl.kinematics import Bools, Floats
 
 SHELLS_MM = (5.0, 15.0, 40.0, 100.0)

@@ -9,12 +9,12 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import Effect
-from cellctl.calibration.estimation.registration import fixed_points, on_instrument, with_datums
+from cellctl.calibration.model.effect import Effect
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, State, Tolerances, Unknowns
-from cellctl.calibration.prediction.measured_region import MeasuredRegion
+from cellctl.calibration.problem.measured_region import MeasuredRegion
+from cellctl.calibration.problem.registration import fixed_points, on_instrument, with_datums
 from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats

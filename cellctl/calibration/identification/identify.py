@@ -11,19 +11,16 @@ from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration._outliers import OUTLIER_P, OUTLYING, find_inliers
 from cellctl.calibration.effects import ResidualModel, functions
-from cellctl.calibration.estimation.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
-from cellctl.calibration.estimation.evidence import Factor, estimated, factors, unexpected
-from cellctl.calibration.estimation.task import Task
-from cellctl.calibration.estimation.tool_search import initial_states, with_rival_tools
+from cellctl.calibration.folds import judging, random_folds
+from cellctl.calibration.identification._outliers import OUTLIER_P, OUTLYING, find_inliers
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import PLACED, State, Unknowns
 from cellctl.calibration.prediction.predict import predict_rows
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded, Linear
-from cellctl.calibration.selection.folds import judging, random_folds
 from cellctl.calibration.selection.model_error import (
     ROWS_AT_LEAST,
     WORSE_AT_END,
@@ -36,6 +33,9 @@ from cellctl.calibration.selection.model_error import (
     without_functions,
     worst_end,
 )
+from cellctl.calibration.solver.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
+from cellctl.calibration.solver.evidence import Factor, estimated, factors, unexpected
+from cellctl.calibration.solver.tool_search import initial_states, with_rival_tools
 from cellctl.kinematics import Bools, Floats
 
 OUTLIERS_AT_MOST = 0.2

@@ -16,18 +16,18 @@ from typing import Any, ClassVar, Self, final
 import numpy as np
 
 from cellctl.calibration.effects import Effect, EffectInputs, ResidualModel, functions, in_order, kinds
-from cellctl.calibration.estimation.evidence import Factor
-from cellctl.calibration.estimation.identify import Weights, certified_rows, identify_kept, nominal_start
-from cellctl.calibration.estimation.progress import Progress, silent
-from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.folds import end_folds, judging, random_folds
+from cellctl.calibration.identification.identify import Weights, certified_rows, identify_kept, nominal_start
+from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.model.residual_model import Remainder
 from cellctl.calibration.model.unknowns import GEOMETRY
-from cellctl.calibration.residuals.residual_model import Remainder
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded, Linear
-from cellctl.calibration.selection.folds import end_folds, judging, random_folds
 from cellctl.calibration.selection.model_error import WORSE_AT_END, Gain, carried, worst_end
+from cellctl.calibration.solver.evidence import Factor
 from cellctl.kinematics import Bools, Floats, SerialChain
 
 ROWS = 300

@@ -1,31 +1,18 @@
-"""The measured region of a model, and whether new rows make it grow."""
+"""The measured region of a model, and how much σ grows outside it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import ResidualModel
-from cellctl.calibration.estimation.estimate import Estimate
 from cellctl.calibration.model.postures import Postures
-from cellctl.calibration.residuals.residual_model import PostureBasis, left_among
+from cellctl.calibration.model.residual_model import PostureBasis, ResidualModel, left_among
 from cellctl.kinematics import Floats
-
-INFORMED = 0.8
-"""Rows have determined a combination of parameters if at most this share of its variance is left. For a model from 80
-positions that takes 10 more, for one from 200 about 30.
-"""
-
-KNOWN = 1e-9
-"""Variances (scaled) below this share of the greatest one are rounding."""
 
 OUTSIDE = 0.5
 """A posture with more than this share of the variance left is outside."""
-
-_PLACES = frozenset({"base", "tool", "points", "datums"})
 
 
 class Coverage(Protocol):
@@ -88,27 +75,3 @@ class MeasuredRegion:
         beyond = np.maximum(self.coverage.remainder(q) - self.within, 0.0) / (1.0 - self.within)
         own = [each.outside(Postures(q)) for each in self.residual_models]
         return np.asarray(self.outside_mm * np.sqrt(np.max([beyond, *own], axis=0)))
-
-
-def informed(found: Estimate) -> bool:
-    """Whether the rows of a fit determined any combination of the robot's own parameters: links, zeros, effects.
-
-    Base, tool, points and datums are placements: rows that determine only these do not improve the robot's own model.
-    Without a prior covariance, the tolerances are the prior.
-    """
-    unknowns = found.unknowns
-    mine = unknowns.free & ~np.isin(unknowns.groups, list(_PLACES))
-    if not mine.any():
-        return False
-    columns = np.flatnonzero(mine)
-    before = unknowns.known(columns)
-    after = found.covariance[np.ix_(columns, columns)] / np.outer(unknowns.sigma[columns], unknowns.sigma[columns])
-    return bool(min(_shares(before, after)) <= INFORMED)
-
-
-def _shares(before: Floats, after: Floats) -> Sequence[float]:
-    """Share left of the variance of each combination (generalised eigenvalues of `after` in `before`, (P, P))."""
-    values, vectors = np.linalg.eigh(before)
-    known = values > KNOWN * values.max()
-    root = vectors[:, known] / np.sqrt(values[known])
-    return [float(share) for share in np.linalg.eigvalsh(root.T @ after @ root)]

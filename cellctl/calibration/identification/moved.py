@@ -11,12 +11,12 @@ from typing import Literal, final
 
 import numpy as np
 
-from cellctl.calibration.estimation.estimate import Estimate
-from cellctl.calibration.estimation.identify import registered
-from cellctl.calibration.estimation.task import Task
+from cellctl.calibration.identification.identify import registered
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.solver.estimate import Estimate
 from cellctl.kinematics import Floats
 
 MOVED = 4.0

@@ -1,1 +1,0 @@
-"""From a task and its rows to the most probable parameters, their covariance and the noise."""
