@@ -19,7 +19,7 @@ from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unk
 from cellctl.console.appearance import CSS
 from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
 from cellctl.console.live import LiveRuns
-from cellctl.console.scene.points import installed_sources
+from cellctl.console.scene.run_points import installed_sources
 from cellctl.console.shared import Audit, Console, Settings, use
 from cellctl.files import InputError, Problem
 from cellctl.version import __version__

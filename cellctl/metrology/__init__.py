@@ -36,6 +36,7 @@ from cellctl.metrology.instrument_checks import (
     two_face_check,
 )
 from cellctl.metrology.iso9283 import Performance, cube_points, performance
+from cellctl.metrology.measured_points import Points
 from cellctl.metrology.measured_pose import (
     Gravity,
     MeasuredPose,
@@ -47,7 +48,6 @@ from cellctl.metrology.measured_pose import (
 )
 from cellctl.metrology.monuments import Growth, NestLoose, StationMotion, StationState, robot_growth, station_motion
 from cellctl.metrology.nests import NestMeasuredTwice, NestPlate, NestsDoNotFit, NestsSwapped, plate_pose
-from cellctl.metrology.points import Points
 
 __all__ = [
     "AxisFrames",

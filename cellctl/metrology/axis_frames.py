@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike
 
 from cellctl.calibration.distributions import chi2_isf, chi2_ppf, chi2_sf
 from cellctl.kinematics import Bools, Floats, SerialChain, inverse_pose, pose, pose_difference
+from cellctl.metrology.measured_points import Points, whitened
 from cellctl.metrology.measured_pose import MeasuredPose
-from cellctl.metrology.points import Points, whitened
 
 STEPS = 30
 OUTLYING = 1e-3

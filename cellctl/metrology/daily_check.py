@@ -32,8 +32,8 @@ from numpy.typing import ArrayLike
 
 from cellctl.calibration.distributions import f_isf
 from cellctl.kinematics import Bools, Floats
+from cellctl.metrology.measured_points import block_diagonal
 from cellctl.metrology.measured_pose import rigid_transform
-from cellctl.metrology.points import block_diagonal
 
 D2, D4 = 1.128, 3.267
 """For ranges of two values: mean range in σ, and upper limit of a range in mean ranges."""

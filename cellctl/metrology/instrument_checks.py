@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from cellctl.calibration.distributions import normal_sf, t_ppf, t_sf
 from cellctl.kinematics import Floats
-from cellctl.metrology.points import Points, block_diagonal
+from cellctl.metrology.measured_points import Points, block_diagonal
 
 
 @final

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cellctl.calibration.distributions import chi2_ppf, chi2_sf
 from cellctl.calibration.problem.registration import rigid_fit
 from cellctl.kinematics import Floats, inverse_pose, pose, pose_difference
-from cellctl.metrology.points import whitened
+from cellctl.metrology.measured_points import whitened
 
 
 @final

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from cellctl.calibration.distributions import chi2_sf
 from cellctl.kinematics import Floats, inverse_pose
+from cellctl.metrology.measured_points import Points, block_diagonal
 from cellctl.metrology.measured_pose import MeasuredPose, RigidFit, cross_matrix, rigid_transform
-from cellctl.metrology.points import Points, block_diagonal
 
 UNLIKELY = 1e-3
 """Probability that a station at rest is said to have moved."""

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from cellctl.calibration.distributions import normal_ppf
 from cellctl.kinematics import Floats, pose
+from cellctl.metrology.measured_points import Points, block_diagonal
 from cellctl.metrology.measured_pose import MeasuredPose, rigid_transform
-from cellctl.metrology.points import Points, block_diagonal
 
 UNLIKELY = 1e-4
 """Probability below which measured distances do not fit the plate."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cellctl.devices import Address, DriverDescription, PointSource, Surroundings
-from drivers.geocom_tracker.points import PROFILES
+from drivers.geocom_tracker.polar_points import PROFILES
 from drivers.geocom_tracker.tracker import GeocomTracker
 from drivers.serial_port import SerialPlace
 

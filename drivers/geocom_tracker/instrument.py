@@ -16,7 +16,7 @@ from geocompy.geo.gctypes import GeoComResponse
 from cellctl.clock import Clock
 from cellctl.devices import DeviceFault, DeviceRefused, LimitExceeded, Lock, Reflector, TargetLost, Weather
 from drivers.geocom_tracker.codes import Meaning, code_of, error_of
-from drivers.geocom_tracker.points import Polar, Sample
+from drivers.geocom_tracker.polar_points import Polar, Sample
 from drivers.geocom_tracker.session import AnswerLost, Call, Session
 
 _BOUNDS: Final = {

@@ -27,7 +27,7 @@ from cellctl.devices import (
 from drivers.geocom_tracker import instrument
 from drivers.geocom_tracker.codes import code_of
 from drivers.geocom_tracker.instrument import MEASURE_S, Telescope, set_air, set_up
-from drivers.geocom_tracker.points import Accuracy, Sample, SetUp, order, point_of, to_polar, two_face_error_of
+from drivers.geocom_tracker.polar_points import Accuracy, Sample, SetUp, order, point_of, to_polar, two_face_error_of
 from drivers.geocom_tracker.session import Session
 from drivers.serial_port import SerialPlace
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration.rows.fixed_points import sphere_centre
-from cellctl.console.scene.points import ROBOTS, Points, Role, SceneRun, SceneSource
+from cellctl.console.scene.run_points import ROBOTS, Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
 from cellctl.records import Row
 from procedures.scenes.tool import TOOLS, tool_errors

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.console.scene.points import Points, Role, SceneRun, SceneSource
+from cellctl.console.scene.run_points import Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
 from procedures.steps.tool.rows import ToolErrorsRow, ToolPoseRow
 

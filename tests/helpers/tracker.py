@@ -23,14 +23,14 @@ from cellctl.journal import RunState, fold, read_journal
 from cellctl.kinematics import Floats
 from cellctl.metrology.axis_frames import AxisFrames, Turn, axis_frames
 from cellctl.metrology.error_figures import FloorRatio, floor_ratio
+from cellctl.metrology.measured_points import LEAST_MM, Points
 from cellctl.metrology.measured_pose import MeasuredPose
-from cellctl.metrology.points import LEAST_MM, Points
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.cell_devices import SimulatedCell
 from cellctl.operations.launch import Options, ResumedRun, resumed_run, run_on
 from cellctl.operations.run_folder import result_of
 from cellctl.records import ResidualsRow, TableStateRow
-from procedures.steps.tracker._judging import Targets
+from procedures.steps.tracker._verdict import Targets
 from procedures.steps.tracker.circles import AXES
 from procedures.steps.tracker.reflectors import points_of
 from procedures.steps.tracker.rows import CompensatedRow, PoseRow, TargetsRow, TrackerVerdict, TurnRow, VisitedRow

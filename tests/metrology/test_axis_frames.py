@@ -18,8 +18,8 @@ from cellctl.metrology.axis_frames import (
     reflector_on_flange,
     station,
 )
+from cellctl.metrology.measured_points import Points, beam_directions
 from cellctl.metrology.measured_pose import nees, nees_range
-from cellctl.metrology.points import Points, beam_directions
 
 KR5 = RobotFile.load(Path(__file__).parents[2] / "procedures/robots/kr5_r1400.yaml").chain()
 START = np.radians([10.0, -80.0, 95.0, 20.0, 60.0, -30.0])

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cellctl.metrology.axis_frames import NoCircle, fit_circle
+from cellctl.metrology.measured_points import Points, beam_directions
 from cellctl.metrology.measured_pose import nees_range
-from cellctl.metrology.points import Points, beam_directions
 
 CENTRE, AXIS, RADIUS = np.array([2800.0, 400.0, 300.0]), np.array([0.2, -0.3, 0.93]), 700.0
 AXIS = AXIS / np.linalg.norm(AXIS)

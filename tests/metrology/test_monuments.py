@@ -7,9 +7,9 @@ import pytest
 
 from cellctl.kinematics import pose_from_xyz_abc
 from cellctl.metrology.instrument_checks import InsensitiveDistances, KnownDistance, constant_error
+from cellctl.metrology.measured_points import Points, beam_directions
 from cellctl.metrology.measured_pose import nees_range
 from cellctl.metrology.monuments import NestLoose, StationState, robot_growth, station_motion
-from cellctl.metrology.points import Points, beam_directions
 
 NESTS = np.array(
     [[3500.0, 1200.0, -800.0], [1800.0, -2200.0, -850.0], [-1500.0, 900.0, -820.0], [2600.0, 100.0, 900.0]]

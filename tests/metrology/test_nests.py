@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cellctl.kinematics import pose_from_xyz_abc
+from cellctl.metrology.measured_points import Points, beam_directions
 from cellctl.metrology.measured_pose import nees_range
 from cellctl.metrology.nests import NestMeasuredTwice, NestPlate, NestsDoNotFit, NestsSwapped, frame_of, plate_pose
-from cellctl.metrology.points import Points, beam_directions
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [150.0, 0.0, 0.0], [30.0, 110.0, 0.0]])
 PLACE = pose_from_xyz_abc([2500.0, -600.0, 300.0], [40.0, -20.0, 75.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellctl.metrology.points import Points, beam_directions
+from cellctl.metrology.measured_points import Points, beam_directions
 
 XYZ = np.array([[3000.0, 0.0, 0.0], [0.0, 2000.0, 300.0], [-1500.0, -700.0, -900.0]])
 BEAMS = beam_directions(XYZ)

@@ -11,8 +11,8 @@ import pytest
 
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet
-from procedures.steps.tracker.plans import PosePlan
 from procedures.steps.tracker.pose_planning import planned_rounds
+from procedures.steps.tracker.pose_plans import PosePlan
 from procedures.steps.tracker.posing import PlanInputs
 from tests.helpers.runs import ROOT
 

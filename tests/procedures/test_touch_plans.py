@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from procedures.steps.sphere.plans import StandOffPlan, TouchPlan
+from procedures.steps.sphere.touch_plans import StandOffPlan, TouchPlan
 
 WAY: dict[str, Any] = {
     "number": 1,

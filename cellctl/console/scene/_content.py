@@ -10,7 +10,7 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.console.scene.points import Points, SceneRun, SceneSource, Setting, installed_sources
+from cellctl.console.scene.run_points import Points, SceneRun, SceneSource, Setting, installed_sources
 from cellctl.files import InputError
 from cellctl.formats.artefact import Artefact
 from cellctl.journal import RunState

@@ -10,7 +10,7 @@ import numpy as np
 from nicegui import ui
 from nicegui.elements.scene.scene_object3d import Object3D
 
-from cellctl.console.scene.points import Points, Role
+from cellctl.console.scene.run_points import Points, Role
 from cellctl.kinematics import Floats
 
 LEAST_MM, MOST_MM = 0.01, 10.0

@@ -13,7 +13,7 @@ import numpy as np
 from nicegui import ui
 
 from cellctl.console.scene._content import read_points
-from cellctl.console.scene.points import ROBOTS, Points, Role, SceneRun, Setting, installed_sources
+from cellctl.console.scene.run_points import ROBOTS, Points, Role, SceneRun, Setting, installed_sources
 from cellctl.console.scene.view import CSS
 from cellctl.files import InputError
 from cellctl.journal import RunState

@@ -14,7 +14,7 @@ from cellctl.console.appearance import command_button
 from cellctl.console.scene._content import Body, Kind, Posture, SceneContent
 from cellctl.console.scene._drawing import BodyDrawing, RobotDrawing
 from cellctl.console.scene._marks import Legend, PointMarks
-from cellctl.console.scene.points import Points, Role
+from cellctl.console.scene.run_points import Points, Role
 from cellctl.kinematics import Floats
 
 FIELD_OF_VIEW_DEG = 32.0

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
-from procedures.steps.daily._judging import day_points, judged, read_earlier_runs
+from procedures.steps.daily._verdict import day_points, judged, read_earlier_runs
 from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict
 from procedures.steps.judged import Judged
 

@@ -25,8 +25,8 @@ from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext, StepContext, StepResult
 from procedures.steps.iso9283.rows import CubeRow
 from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded, turn_posture
-from procedures.steps.tracker.plans import DEFAULT_METHOD, PosePlan
 from procedures.steps.tracker.pose_planning import pose_limits
+from procedures.steps.tracker.pose_plans import DEFAULT_METHOD, PosePlan
 from procedures.steps.tracker.rows import MODEL_FILE
 from procedures.steps.tracker.target_table import Compensable, CompensationSettings
 

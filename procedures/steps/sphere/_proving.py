@@ -14,8 +14,8 @@ from procedures.steps.judged import Judged, Pushed, PushInputs
 from procedures.steps.sphere._identification import verdict_of
 from procedures.steps.sphere._standoffs import standoff_row, standoffs_and_table
 from procedures.steps.sphere.planning import check_on_sphere, locating_touches, standoff_options, worth_proving
-from procedures.steps.sphere.plans import Round, StandOffPlan, TouchPlan
 from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
+from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 from procedures.steps.table_push import (
     push_unless_judged,
     require_in_force,

@@ -20,9 +20,9 @@ from cellctl.planning import PlannedTouch
 from cellctl.procedure import StepContext
 from procedures.steps.contact_search import FoundContact
 from procedures.steps.sphere.planning import as_plan, standoff_lines
-from procedures.steps.sphere.plans import Round, StandOffPlan, TouchPlan
 from procedures.steps.sphere.reference_touches import drift_of, last_number, touch_sigma_mm
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, StandOffRow, TouchRow
+from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 _TOLERANCE_MM = 1e-4
 """Left by the compensated joints, far below a touch's scatter: as in older runs, which replay to the same bytes."""

@@ -14,9 +14,9 @@ from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged
 from procedures.steps.sphere._identification import identify_touches
 from procedures.steps.sphere.planning import assumption, check_plan, planned_touches
-from procedures.steps.sphere.plans import Joints, TouchPlan
 from procedures.steps.sphere.reference_touches import jump, reference_row, remark
 from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
+from procedures.steps.sphere.touch_plans import Joints, TouchPlan
 
 TOUCHES_PER_SPHERE = 6
 """Touches of the fit that the verdict requires for each sphere: two numbers for each coordinate of its centre."""

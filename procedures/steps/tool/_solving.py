@@ -21,8 +21,8 @@ from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext, StepContext, StepResult
 from cellctl.records import Figures
 from procedures.steps.sphere.planning import as_plan, plate_of, seed_for, sphere_called, target_of
-from procedures.steps.sphere.plans import TouchPlan
 from procedures.steps.sphere.reference_touches import touch_sigma_mm
+from procedures.steps.sphere.touch_plans import TouchPlan
 from procedures.steps.tool.rows import ToolErrorsRow, ToolFigures, ToolPoseRow, ToolTouchRow, ToolVerdict
 
 

@@ -12,7 +12,7 @@ from cellctl.calibration.problem.registration import rigid_fit
 from cellctl.formats.cell_sections import station_of
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.tracker.circles import found_frames, planned_turns, return_pose
-from procedures.steps.tracker.plans import PosePlan
+from procedures.steps.tracker.pose_plans import PosePlan
 from procedures.steps.tracker.rows import FramesRow, NestRow, StationRow
 from procedures.steps.tracker.station import session_now
 

@@ -21,11 +21,11 @@ from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, St
 from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged, Pushed, PushInputs
 from procedures.steps.table_push import push_unless_judged, take_back_unproved, withdrawn_unless_better
-from procedures.steps.tracker._judging import verdict_of
+from procedures.steps.tracker._verdict import verdict_of
 from procedures.steps.tracker.identification import identify_poses, registered_model
 from procedures.steps.tracker.measuring import NEAR_SHARE, Measured, MeasureInputs, NotSettled, measure_pose
 from procedures.steps.tracker.model_files import check_model, correction_file, read_model_of
-from procedures.steps.tracker.plans import DEFAULT_METHOD, Round, check_method
+from procedures.steps.tracker.pose_plans import DEFAULT_METHOD, Round, check_method
 from procedures.steps.tracker.rows import (
     CORRECTION_FILE,
     MODEL_FILE,

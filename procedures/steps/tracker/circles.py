@@ -22,7 +22,7 @@ from cellctl.metrology.axis_frames import (
 )
 from cellctl.metrology.measured_pose import MeasuredPose, gravity_in_base
 from cellctl.procedure import CellContext, StepContext
-from procedures.steps.tracker.plans import PosePlan
+from procedures.steps.tracker.pose_plans import PosePlan
 from procedures.steps.tracker.reflectors import points_of
 from procedures.steps.tracker.rows import FrameFigures, FramesRow, StationRow, TurnRow
 from procedures.steps.tracker.station import reflector_called, robot_of, rough_station, session_now

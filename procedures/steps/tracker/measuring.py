@@ -29,7 +29,7 @@ from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, 
 from cellctl.records import Row
 from procedures.steps.contact_search import rejoin
 from procedures.steps.table_push import require_in_force
-from procedures.steps.tracker.plans import PosePlan
+from procedures.steps.tracker.pose_plans import PosePlan
 from procedures.steps.tracker.reflectors import NestsDisagree, check_plate
 from procedures.steps.tracker.rows import CompensatedRow, MonumentsRow, PoseRow, ReturnRow, TargetsRow, TurnRow
 from procedures.steps.tracker.station import reflector_at, robot_of, seen_from_instrument

@@ -32,7 +32,7 @@ from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.planning import spheres_around
 from procedures.steps.tracker.circles import return_pose, rounded, turn_posture
-from procedures.steps.tracker.plans import PosePlan, Round
+from procedures.steps.tracker.pose_plans import PosePlan, Round
 from procedures.steps.tracker.rows import LeftOut, TargetPlanRow
 from procedures.steps.tracker.station import rough_station
 from procedures.steps.tracker.target_table import Compensable, CompensationInputs, compensation_settings

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from procedures.steps.tracker.model_files import read_model
-from procedures.steps.tracker.plans import DEFAULT_METHOD, Round, check_method
 from procedures.steps.tracker.pose_planning import planned_rounds, planned_targets
+from procedures.steps.tracker.pose_plans import DEFAULT_METHOD, Round, check_method
 from procedures.steps.tracker.station import base_from_instrument
 
 

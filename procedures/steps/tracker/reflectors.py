@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from cellctl.devices import DeviceError, MeasuredPoint
 from cellctl.formats.cell_sections import reflectors_of
 from cellctl.kinematics import Floats
+from cellctl.metrology.measured_points import Points
 from cellctl.metrology.nests import NestPlate, NestsDoNotFit, check_nests, plate_pose
-from cellctl.metrology.points import Points
 from cellctl.procedure import StepContext
 from cellctl.records import Rows
 from procedures.steps.tracker.rows import PoseRow

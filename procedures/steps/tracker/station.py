@@ -16,8 +16,8 @@ from cellctl.formats import RobotFile
 from cellctl.formats.cell_sections import FlangeReflector, reflectors_of, station_of
 from cellctl.kinematics import Floats, JointMap, SerialChain, inverse_pose, pose_from_xyz_abc
 from cellctl.metrology.instrument_checks import InsensitiveDistances, KnownDistance, constant_error
+from cellctl.metrology.measured_points import Points
 from cellctl.metrology.monuments import NestLoose, StationState, station_motion
-from cellctl.metrology.points import Points
 from cellctl.procedure import CellContext, StepContext
 from cellctl.records import Rows
 from procedures.steps.tracker.reflectors import NestsDisagree, points_of

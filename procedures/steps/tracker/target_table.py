@@ -16,7 +16,7 @@ from cellctl.formats.table_making import compensated_targets, nominal_chain, tab
 from cellctl.kinematics import Bools, Floats
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded, turn_posture
-from procedures.steps.tracker.plans import PosePlan, Round
+from procedures.steps.tracker.pose_plans import PosePlan, Round
 from procedures.steps.tracker.rows import PoseRow, ReturnRow, TargetsRow
 from procedures.steps.tracker.station import Sessions
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.console.scene._content import Kind, SceneContent, scene_of
-from cellctl.console.scene.points import Points, Role
+from cellctl.console.scene.run_points import Points, Role
 from cellctl.journal import RunState
 from tests.helpers.journals import (
     REACH,

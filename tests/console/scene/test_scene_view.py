@@ -11,7 +11,7 @@ from nicegui import ui
 from nicegui.client import Client
 
 from cellctl.console.scene import SceneContent, scene_of
-from cellctl.console.scene.points import Points, Role
+from cellctl.console.scene.run_points import Points, Role
 from cellctl.console.scene.view import HEADINGS, PAGE, SceneView, body_rows, point_rows, scene_view
 from tests.helpers.journals import touch_run
 

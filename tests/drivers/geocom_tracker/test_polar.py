@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cellctl.devices import Weather
 from drivers.geocom_tracker.instrument import wet_bulb_c
-from drivers.geocom_tracker.points import (
+from drivers.geocom_tracker.polar_points import (
     PROFILES,
     Polar,
     covariances,

@@ -20,7 +20,7 @@ from cellctl.procedure import CellFiles
 from cellctl.records import TableStateRow
 from cellctl.report import write_report
 from procedures.steps.tracker.model_files import check_model, read_model_of
-from procedures.steps.tracker.plans import check_method
+from procedures.steps.tracker.pose_plans import check_method
 from procedures.steps.tracker.rows import CompensatedRow, PoseRow, SetUpRow, TargetPlanRow, TargetsRow, TrackerVerdict
 from tests.helpers.arms import kr5_model
 from tests.helpers.own_model import pose_of
