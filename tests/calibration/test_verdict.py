@@ -117,6 +117,14 @@ def test_one_row_gone_wild_takes_the_verdict_with_it():
     assert "root mean square" in judged.reason
 
 
+@pytest.mark.parametrize(("share", "word"), [(0.005, "no better"), (0.02, "better")])
+def test_a_sure_gain_of_less_than_a_hundredth_is_too_small_to_matter(share, word):
+    """The same share of every row's error: the paired test is sure of both."""
+    found = judge(held_out(BEFORE, (1.0 - share) * BEFORE, 0.5))
+    assert found.verdict == word
+    assert ("too small to matter" in found.reason) == (word == "no better")
+
+
 def test_doubts_keep_a_gain_from_being_proved_but_excuse_no_loss():
     assert judge(held_out(BEFORE, AFTER, 0.5), ["too few"]).reason == "too few"
     assert judge(held_out(BEFORE, AFTER, 0.5), ["too few"]).verdict == "no better"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import RowBlocks, Split, Task, fit, identify
-from tests.helpers.own_campaigns import Campaign, nominal_of
+from tests.helpers.own_campaigns import Campaign, certificate, nominal_of
 from tests.helpers.simulated_setups import SPHERES
 
 SHIFT_MM = 10.0
@@ -65,6 +65,16 @@ def test_two_tools_that_explain_the_touches_alike_are_not_decided_between():
     found = identify(task).identified
     assert not found.converged
     assert "leave open which tool" in found.ended
+    assert off_in_sigma(campaign, found) < 4.0
+
+
+@pytest.mark.parametrize("seed", [5, 17])
+def test_the_certified_distance_of_two_spheres_decides_between_tools_that_the_touches_leave_open(seed):
+    campaign, task = retooled(seed, 2)
+    assert "leave open which tool" in identify(task).identified.ended
+    spacing = certificate(campaign.rng, np.array(SPHERES[:2]), [(0, 1)], 0.01)
+    found = identify(replace(task, spacings=spacing)).identified
+    assert found.converged
     assert off_in_sigma(campaign, found) < 4.0
 
 
