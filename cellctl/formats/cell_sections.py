@@ -103,7 +103,8 @@ def reflectors_of(document: Document) -> Reflectors:
 
 def floor_of(document: Document) -> Floor | None:
     """The `floor:` of a loaded cell file, if it has one. Raises InputError."""
-    return validated(document, Floor, ("floor",)) if "floor" in document.data else None
+    has_floor = isinstance(document.data, dict) and "floor" in document.data
+    return validated(document, Floor, ("floor",)) if has_floor else None
 
 
 def _twice(document: Document, place: tuple[str | int, ...], names: list[str]) -> list[Problem]:

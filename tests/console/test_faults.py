@@ -86,7 +86,7 @@ def test_a_damaged_journal_is_shown_as_that_and_hides_no_other_run(
     assert "damaged" in status["problem"]
     asyncio.run(listed(client, {"good", "damaged"}))
     assert client.get("/api/runs/good/result").json()["verdict"] == "better"
-    for each in ("/runs", "/run/damaged/result", "/compare?a=good&b=damaged", "/daily", "/tables"):
+    for each in ("/runs", "/run/good", "/run/damaged/result", "/compare?a=good&b=damaged", "/daily", "/tables"):
         assert client.get(each).status_code == 200
     assert "Traceback" not in log_of(console)
 
