@@ -38,7 +38,7 @@ def locks_of_this_worker(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--long`: everything, that is, with what takes long."""
-    parser.addoption("--long", action="store_true", help="run what takes long, too (about an hour)")
+    parser.addoption("--long", action="store_true", help="run what takes long, too (40 minutes to 1½ hours)")
 
 
 def pytest_collection_finish() -> None:

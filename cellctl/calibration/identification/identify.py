@@ -13,7 +13,7 @@ import numpy as np
 
 from cellctl.calibration.effects import ResidualModel, functions
 from cellctl.calibration.folds import judging, random_folds
-from cellctl.calibration.identification._outliers import OUTLIER_P, OUTLYING, find_inliers
+from cellctl.calibration.identification.outliers import OUTLIER_P, OUTLYING, find_inliers
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import PLACED, State, Unknowns
 from cellctl.calibration.prediction.predict import predict_rows

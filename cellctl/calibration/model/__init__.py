@@ -1,1 +1,1 @@
-"""The robot's model: its parameters, its postures, and its motion there."""
+"""The robot's model: its parameters, postures and motion, and what an effect has to state."""

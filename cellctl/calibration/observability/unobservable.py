@@ -29,6 +29,7 @@ _WITH = " with "
 _NUMBER = re.compile(r"\d+")
 _FIRST = ("tool", "base")
 _LAST = ("points", "datums")
+_PLACEMENTS = frozenset({*FRAMES, "points", "datums"})
 
 
 def in_words(parameters: Sequence[Parameter]) -> list[str]:
@@ -251,7 +252,7 @@ def _sparse_combinations(unseen: Floats, effect: Floats, parameters: list[Parame
 def _preference(parameter: Parameter) -> float:
     if parameter.of_the_arm:
         return 100.0
-    return 1.0 if parameter.group in {*FRAMES, "points", "datums"} else 10.0
+    return 1.0 if parameter.group in _PLACEMENTS else 10.0
 
 
 def _floored(effect: Floats) -> Floats:
@@ -280,7 +281,7 @@ def informed(found: Estimate) -> bool:
     Without a prior covariance, the tolerances are the prior.
     """
     unknowns = found.unknowns
-    mine = unknowns.free & ~np.isin(unknowns.groups, [*_FIRST, *_LAST])
+    mine = unknowns.free & ~np.isin(unknowns.groups, list(_PLACEMENTS))
     if not mine.any():
         return False
     columns = np.flatnonzero(mine)

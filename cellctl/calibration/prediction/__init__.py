@@ -1,1 +1,1 @@
-"""Predictions of an identified model, their uncertainty, and its measured region."""
+"""Predictions of an identified model, and their uncertainty."""

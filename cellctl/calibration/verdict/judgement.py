@@ -9,7 +9,7 @@ from typing import Any, Literal, Self, TypeAlias, final
 import numpy as np
 
 from cellctl.calibration.distributions import binomial_cdf, t_ppf
-from cellctl.calibration.identification._outliers import OUTLYING
+from cellctl.calibration.identification.outliers import OUTLYING
 from cellctl.kinematics import Bools, Floats
 
 Verdict: TypeAlias = Literal["better", "no better", "worse"]
