@@ -67,6 +67,9 @@ class CellIO(CellReadings, Protocol):
 class MotorCurrents:
     """Mean currents of A1…An at rest, amperes, with scale and offset of the cell file applied.
 
+    A driver returns them in its controller's own unit, which may be another (MACur of RSI has none published); the
+    campaign's step applies scale and offset.
+
     sigma_a: 1 σ of one sample; samples: how many; time_ns: the cell's time in the middle of them.
     """
 

@@ -77,7 +77,10 @@ class Device(Protocol):
         """The device's health. Raises DeviceLost."""
 
     async def stop(self) -> None:
-        """Bring it to its safe state (robot held, probe disarmed). Never raises if it is already safe."""
+        """Bring it to its safe state (robot held, probe disarmed). Never raises if it is already safe.
+
+        A return is the confirmation: without one it raises DeviceUncertain, and the run ends as uncertain.
+        """
 
     async def close(self) -> None:
         """Stop, and close the line. Never raises."""

@@ -128,6 +128,8 @@ class Interlocks:
 
     def stop_step(self) -> None:
         """Cancel the step in progress, if any."""
+        # Between two steps there is none to cancel: the next one is held by `holding`, which is asked without an await
+        # before it begins.
         if self._step and not self._step.expired():
             self._step.reschedule(asyncio.get_running_loop().time())
 

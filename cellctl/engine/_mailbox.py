@@ -131,7 +131,10 @@ class MailboxFolder:
 
     @asynccontextmanager
     async def emptied_into(self, mailbox: Mailbox) -> AsyncIterator[None]:
-        """Inside this context, pass each action to `mailbox`; actions that were waiting before are deleted."""
+        """Inside this context, pass each action to `mailbox`; actions that were waiting before are deleted.
+
+        They may be meant for an earlier process: a run is resumed in the same folder.
+        """
         self._take()
         try:
             async with beside(self._look(mailbox), "mailbox folder"):

@@ -89,6 +89,9 @@ async def stop_and_close(
 ) -> list[str]:
     """Stop and close each device; returns the failures as text. Adds devices that confirmed the stop to `stopped`.
 
+    One after the other, in the order of the cell file. What was in motion in the step was stopped before, by the step's
+    own end or cancellation: this is the confirmation.
+
     `look`: is awaited with each device that is stopped and still connected; what it does not achieve is no failure.
     """
     troubles: list[str] = []

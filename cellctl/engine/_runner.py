@@ -141,7 +141,11 @@ class Engine:
         return identities
 
     async def _clean_up(self, error: BaseException | None) -> list[str]:
-        """Try every clean-up step, stop and close every device; returns the failures as text."""
+        """Try every clean-up step, stop and close every device; returns the failures as text.
+
+        Interlocks were watched until the work ended. Here they stop nothing, so that a broken one cannot prevent the
+        clean-up: the safety controller stops what must not move.
+        """
         self._enter(State.CLEANING, str(error) if error else "")
         troubles: list[str] = []
         reached = self._run.devices.keys() if self._connected else set()

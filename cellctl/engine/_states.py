@@ -11,7 +11,10 @@ from cellctl.records import VerdictRow
 
 @final
 class State(StrEnum):
-    """State of a run. Finished, aborted, failed and uncertain are final; uncertain requires a person's check."""
+    """State of a run. Finished, aborted, failed and uncertain are final; uncertain requires a person's check.
+
+    Checking lasts for an instant: procedure and cell are checked before there is an engine.
+    """
 
     IDLE = "idle"
     CHECKING = "checking"

@@ -25,7 +25,8 @@ class RsiSettings:
     prefix of the six dotted tags (`AK.A1` … `AK.A6`); `stop`: the BOOL tag wired to the STOP object; `mode`,
     `cycle`: as the controller's program passes them to RSI_ON; `controller`: the only accepted address of telegrams
     (empty: the host of `eki`); `tolerance`: cycles without an answer after which the controller stops, `Timeout` of its
-    ETHERNET object.
+    ETHERNET object. A smaller one here ends sessions that the controller would have continued; a larger one
+    misses that the controller has ended RSI in a gap.
     """
 
     bind: tuple[str, int]

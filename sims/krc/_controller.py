@@ -97,6 +97,7 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
         drives=DriveMonitor(speeds, settings.cycle_ms * 1e-3),
         correction=correction or AxisCorrection(relative=settings.mode == "relative"),
         limits=tuple((joint.min, joint.max) for joint in joints),
+        # IPOC is the controller's own count since its start: it begins neither at 0 nor at the cell's time
         ipoc_offset_ms=draw.randrange(10_000, 1_000_000_000),
     )
     serial = f"SIM-{draw.randrange(10**6):06d}"

@@ -290,7 +290,7 @@ class RsiExchange:
 
         `correct`: whether the correction follows it.
         """
-        if not self._awaiting:
+        if not self._awaiting:  # nothing was sent that could be answered: no late answer, and the outputs stay
             return ""
         if self._reply:
             self._c.late.answered()

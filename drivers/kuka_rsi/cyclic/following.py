@@ -86,7 +86,7 @@ class NotFollowed:
     def __init__(self, cycle_s: float) -> None:
         self._stood_most = math.ceil(_STANDS_S / cycle_s)
         self._lag_cycles = math.ceil(LONGEST_LAG_S / cycle_s)
-        self._stood = self._stood_most
+        self._stood = self._stood_most  # it begins at rest: CORRON is refused while the program moves
         self._programmed: tuple[float, ...] | None = None
         self._recent: list[Correction] = []
 

@@ -38,7 +38,11 @@ TCP_SPEED_MM_S = 250.0
 """ISO 10218-1: maximum TCP speed, mm/s, at reduced speed, which a person beside the robot can avoid."""
 
 _MAIN_AXES = 3
-"""Axes that move the TCP at full reach. A joint vector of norm w then moves it at w × reach × sqrt(3) at most."""
+"""Axes that move the TCP at full reach. A joint vector of norm w then moves it at w × reach × sqrt(3) at most.
+
+This covers the wrist too: A2 and A3 are nearer to the TCP than the reach, by more than the wrist's levers add (all
+postures tested of the shipped six-axis robots, decision 20).
+"""
 
 UNKNOWN_REACH_MM = 3900.0
 """Used if the reach is unknown: the longest of KUKA's six-axis arms. A longer arm has lower ceilings."""
@@ -64,7 +68,11 @@ at most 4.5 deg. With this acceleration and jerk, that speed is reached within 1
 _LONGEST_CYCLE_S = 0.012
 _DEFAULTS = {"online_correction_deg": 0.5, "online_rate_deg_s": 0.5, "online_acceleration_deg_s2": 5.0}
 ONLINE_CEILINGS = {"online_correction_deg": 2.0, "online_rate_deg_s": 2.0, "online_acceleration_deg_s2": 20.0}
-"""Correction: a larger error is no calibration error. Rate and acceleration: those of a search by default."""
+"""Correction: a larger error is no calibration error. Rate and acceleration: those of a search by default.
+
+They do not depend on the reach: 2 deg/s is at most 236 mm/s at the TCP of the longest arm (`UNKNOWN_REACH_MM`). This
+motion comes on top of the program's own.
+"""
 
 
 class Limit(IntEnum):
@@ -197,6 +205,8 @@ class CycleWatch:
         self._cycle_s = cycle_s
         self._sent: deque[Correction] = deque([(0.0,) * AXES] * 3, maxlen=3)
 
+    # Instead of a refused correction the last one is repeated: a stop within one cycle. This class does not limit that,
+    # since a lost answer does the same at any time.
     def look(self, correction: Correction, *, braking: bool = False) -> Limit:
         """The first limit that sending `correction` now would pass; it counts as sent only if there is none."""
         passed = self._place(correction) or self._motion(correction, braking)
@@ -233,6 +243,8 @@ def _minus(a: Correction, b: Correction) -> Correction:
 
 
 def _size(vector: Correction) -> float:
+    # 1e-12 deg is above the rounding of a third difference of corrections up to 5 deg (1e-14), and far below the
+    # smallest limit, of the jerk in a cycle of 4 ms (2.6e-5 deg at 400 deg/s³)
     return math.hypot(*vector) * (1 - _SLACK) - 1e-12
 
 
@@ -279,7 +291,7 @@ def online_limit_errors(settings: dict[str, float]) -> dict[str, str]:
         return wrong
     values = _DEFAULTS | settings
     overshoot = _overshoot_deg(values["online_rate_deg_s"], values["online_acceleration_deg_s2"], _LONGEST_CYCLE_S)
-    if overshoot <= values["online_correction_deg"] / 4:
+    if overshoot <= values["online_correction_deg"] / 4:  # `asked_deg` is then three quarters of the limit at least
         return {}
     what = f"the correction stops within {overshoot:.3g} deg only, over a quarter of its limit"
     return {next(iter(settings)): f"{what}: give a lower online_rate_deg_s or a higher acceleration"}
@@ -320,7 +332,7 @@ class CorrectionMotion:
         passed = self._passed(correction, step)
         if passed is Limit.NONE:
             self.sent, self._step = correction, step
-            self.limited = math.dist(correction, wanted) > 1e-4
+            self.limited = math.dist(correction, wanted) > 1e-4  # deg: the last decimal of a telegram at Precision 4
         else:
             self.stood()
         return passed

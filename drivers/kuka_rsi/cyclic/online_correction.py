@@ -62,7 +62,7 @@ class OnlineCorrection(SessionTask):
         self._log_due_ns = 0
         self._version = -1
         self._model: OnlineModel | None = None
-        with beside_other_processes():
+        with beside_other_processes():  # RSI is still off: no telegram is read in these seconds
             self._take_newest_model()
             if self._model and not self._model.is_within(limits.online_correction_deg):
                 self._model = None  # cut to the limit it would be no correction
@@ -105,7 +105,7 @@ class OnlineCorrection(SessionTask):
     def _look_for_trouble(
         self, telegram: Telegram, now_ns: int, stopped: bool, beats: Sequence[int], leave: bool
     ) -> None:
-        if stopped and self.cause is not Cause.STOPPED:
+        if stopped and self.cause is not Cause.STOPPED:  # also in a fade: a stop holds, and no longer leads to zero
             self.cause, self.phase = Cause.STOPPED, Phase.SETTLING
         if self.cause is not Cause.NONE:
             return

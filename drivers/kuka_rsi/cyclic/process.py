@@ -35,7 +35,10 @@ _SOON_S = 0.001
 """The same while a telegram of this cycle waits for its session's start."""
 
 _LEAVE_S = 3.0
-"""Longest delay of the exit by a search that is being held."""
+"""Longest delay of the exit by a search that is being held, or an on-line correction that fades.
+
+A correction of 2 deg at 0.5 deg/s needs 4 s: the rest is held by the controller, which stops after its `Timeout`.
+"""
 
 _PR_SET_PDEATHSIG = 1
 
@@ -87,6 +90,7 @@ class _Leaving:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
     def __bool__(self) -> bool:
+        # the parent's number too: the signal does not come if the parent ended before prctl was called
         return self._asked or os.getppid() != self._parent
 
     def _ask(self, *_: object) -> None:
@@ -127,6 +131,7 @@ def _serve(line: ControllerLine, responder: Responder, leaving: _Leaving) -> Non
         responder.answer(leave=go)
         if go:
             give_up = give_up or time.monotonic() + _LEAVE_S
+            # no telegram for `_LOOK_S` (four cycles of 12 ms): RSI is off, there is nothing to hold
             if not ready or not responder.busy or time.monotonic() > give_up:
                 return
 

@@ -145,7 +145,10 @@ class ControllerLine:
 
 
 _SHORTEST_CYCLE_NS = 4_000_000
-"""An older telegram is of an earlier cycle, and may be of another session."""
+"""An older telegram is of an earlier cycle, and may be of another session.
+
+The cycle is not learnt yet, so at 12 ms this leaves a telegram unanswered that could be answered: one cycle is missed.
+"""
 
 
 @final
@@ -209,7 +212,7 @@ class Responder:
             return
         self._expect(self._task_of(self._block.order()) if number else None)
         if self._task:
-            self._block.publish(self._task, 0)
+            self._block.publish(self._task, 0)  # the engine sees that the order is taken, and a model prepared
 
     def _expect(self, task: CyclicTask | None) -> None:
         """From now on answer only telegrams of the session of `task`; without a task, none."""
@@ -273,6 +276,8 @@ class Responder:
         except OSError:  # the sender's socket is closed; it counts the answer as late
             self._count(Slot.LATE)
 
+    # `now_ns` is when the queue was read. That is too late for the older telegrams of a stall; the fit of the clocks
+    # takes the least delays and ignores them.
     def _take_in(self, task: CyclicTask, telegram: Telegram, now_ns: int) -> None:
         self._telegrams += 1
         self._count_reported(telegram)

@@ -96,17 +96,27 @@ class SetPoint:
 
 
 _STANDING_DEG = 0.001
-"""Joints within this span over `_STANDING_CYCLES` are at standstill (twice a common encoder's step)."""
+"""Joints within this span over `_STANDING_CYCLES` are at standstill (twice a common encoder's step).
+
+At Precision 1 a joint between two tenths of a degree may flicker: it never stands, and `_LONGEST_HOLD_S` ends the hold.
+"""
 
 _STANDING_CYCLES = 10
 """40 ms at 4 ms, 120 ms at 12 ms."""
 
 _SHORTEST_HOLD_S = 0.06
 _LONGEST_HOLD_S = 1.0
-"""The last set-point is held until the joints stand, at least and at most so long."""
+"""The last set-point is held until the joints stand, at least and at most so long.
+
+After the longest time RSI is left all the same, as without a bound a joint that trembles would keep it on.
+"""
 
 _START_TOLERANCE_DEG = 0.1
-"""Largest difference of the pose at RSI_ON from the planned start."""
+"""Largest difference of the pose at RSI_ON from the planned start.
+
+Not less than the coarsest step of a telegram (Precision 1). The planned start is the last pose that EthernetKRL
+reported: a robot that was moved since would search beside its line.
+"""
 
 
 @final
@@ -202,6 +212,8 @@ class SearchCycle(SessionTask):
             self.cause, self.detail, self.phase = Cause.CYCLE, self.timing.cycle_ns, Phase.LEAVING
 
     def _look_for_trouble(self, now_ns: int, stopped: bool, beats: Sequence[int], leave: bool) -> None:
+        # The stop first: a contact counts although the probe has just died. It also counts while the end of the line is
+        # held: the robot still lags behind the last set-point.
         if stopped and self.cause in (Cause.NONE, Cause.TRAVEL):
             self._end(Cause.STOPPED)
         if self.cause is Cause.NONE and leave:
@@ -278,6 +290,7 @@ class SearchCycle(SessionTask):
         self._recent.append(joints)
         if self.cause is Cause.TRAVEL and self._held_cycles < self.order.hold_cycles:
             return
+        # a stop may come before the cycle is learnt: then the address's cycle
         cycle_s = self.timing.cycle_ns * 1e-9 or self._cycle.milliseconds * 1e-3
         held_s = self._held_cycles * cycle_s
         if held_s >= _LONGEST_HOLD_S or (held_s >= _SHORTEST_HOLD_S and self._stands()):

@@ -26,7 +26,10 @@ from drivers.kuka_rsi.cyclic.limits import Correction
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 LEARNING_TELEGRAMS = 8
-"""Telegrams of a session that are answered with zero while its cycle is learnt."""
+"""Telegrams of a session that are answered with zero while its cycle is learnt: 32 ms at 4 ms, 96 ms at 12 ms.
+
+The cycle is the least of the seven rises of the count, so it is found if only one of them is free of a lost telegram.
+"""
 
 _MS = 1_000_000
 
@@ -227,6 +230,7 @@ class Session:
         return telegram.delay - risen_from < without_answer - _LAG
 
     def _look_at_gap(self, ipoc: int, newest: int) -> None:
+        # before the cycle is learnt the longest one: a gap that is too long does no harm while every answer is zero
         step = self.timing.ipoc_step or max(CYCLES_MS)
         last = self._answered.ipoc if self._answered else newest
         wrong_cycle = self.timing.learnt and self.timing.gap(newest, ipoc) < 1
@@ -235,7 +239,12 @@ class Session:
 
 
 class Phase(IntEnum):
-    """Phase of a search."""
+    """Phase of a search; of an on-line correction see `OnlineCorrection`.
+
+    LEARNING: the cycle is not known, every answer is zero. MOVING: along the line. BRAKING: one telegram, half of the
+    last step. SETTLING: the set-point is constant until the joints stand. LEAVING: the same with the stop set, until
+    the controller has left RSI. OVER: no telegram is answered; the robot is where the controller holds it.
+    """
 
     IDLE = 0
     LEARNING = 1
@@ -247,7 +256,13 @@ class Phase(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why the set-point was stopped."""
+    """Why the set-point was stopped.
+
+    STOPPED: the stop slot, a contact as a rule. TRAVEL: the end of the line, or of a correction by request. GUARD: a
+    guard's beat is too old. LIMIT: the next set-point would pass one. START: the pose at RSI_ON is not the planned one.
+    LOST: the count rose by more than the tolerance. LEFT: the process has to end. BEHIND, AHEAD: the joints do not
+    follow. CYCLE: the learnt cycle is not the address's.
+    """
 
     NONE = 0
     STOPPED = 1
@@ -356,7 +371,8 @@ class SessionTask:
     def _guard_is_silent(self, now_ns: int, beats: Sequence[int]) -> bool:
         """Whether a guard's beat is too old; `detail` and `age_ns` are the first such guard's then.
 
-        The age counts from the task's start at the earliest, even without an earlier beat.
+        The age counts from the task's start at the earliest, even without an earlier beat: a device that reports only
+        while it is armed has its full time for the first beat.
         """
         for slot, oldest_ns in enumerate(self.order.guards_ns):
             age_ns = now_ns - max(beats[slot], self._began_ns or 0)

@@ -137,7 +137,10 @@ class SharedBlock:
         self.words[Slot.ORDER] = order.number
 
     def keep_stop(self, number: int) -> None:
-        """A stop that is already set also applies to search `number`."""
+        """A stop that is already set also applies to search `number`.
+
+        Its number may be that of an earlier search, which ended before the stop was cleared.
+        """
         if self.words[Slot.STOP]:
             self.words[Slot.STOP] = number
 
@@ -156,6 +159,8 @@ class SharedBlock:
 
     def status(self) -> SearchStatus:
         """The last state that the cyclic process published."""
+        # The slots are read in the reverse order of `publish`: number, phase, cause. So the cause is at least as new as
+        # the phase, and both as the number. This holds where stores become visible in program order, as on x86-64.
         words = self.words
         number, *rest = (words[slot] for slot in range(Slot.SEARCH, Slot.CYCLE + 1))
         return SearchStatus(number, Phase(rest[0]), Cause(rest[1]), *rest[2:])
@@ -163,7 +168,7 @@ class SharedBlock:
     def samples(self, tail: int) -> tuple[list[Sample], int]:
         """Samples from count `tail` on that the ring still holds, and the count to continue from."""
         head = self.words[Slot.HEAD]
-        first = max(tail, head - ROWS + 1)
+        first = max(tail, head - ROWS + 1)  # not the oldest row: the next telegram is written over it
         return [self._sample(count) for count in range(first, head)], head
 
     # the cyclic process's side

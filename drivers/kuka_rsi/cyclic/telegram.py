@@ -14,14 +14,21 @@ from drivers.kuka_rsi.axes import AXES, AXIS_NAMES
 from drivers.kuka_rsi.cyclic.limits import Correction
 
 DECIMALS = 6
-"""Decimals of the corrections in a reply."""
+"""Decimals of the corrections in a reply: 1e-6 deg is 0.07 µm at 3.9 m.
+
+The context's Precision rounds only what the robot sends; what it receives is read in full.
+"""
 
 LARGEST_IPOC = 10**15
 LARGEST_DELAY = 10**9
 FARTHEST_JOINT_DEG = 3600.0
 LARGEST_CURRENT = 1e6
 LARGEST_MARK = 1e6
-"""Ranges of the values in a telegram; others show that it is not from a controller."""
+"""Ranges of the values in a telegram; others show that it is not from a controller.
+
+IPOC, and a rise of it, go into slots of eight bytes (`shared_block`): a number that does not fit there would end the
+process by an exception.
+"""
 
 MARK = "C21", "C22"
 """Parameters of function generator 2 (DEF_Tech.C2) with the session's mark and its negative; else it is no mark."""
@@ -62,7 +69,7 @@ def read_telegram(datagram: bytes) -> Telegram:
 
     Raises ValueError if it is not a telegram, lacks IPOC or AIPos, or has a number out of range.
     """
-    if b"<!" in datagram:
+    if b"<!" in datagram:  # a controller sends none; entities of a DOCTYPE may take longer to expand than the cycle
         raise ValueError("a telegram has no DOCTYPE, comment or CDATA")
     try:
         root = ElementTree.fromstring(datagram)

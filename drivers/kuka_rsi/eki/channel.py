@@ -330,7 +330,7 @@ class EkiChannel:
             self._stat = message
             self._first_stat.set()
         elif pending := self._pending.get(message.id):
-            if message.code != 1:
+            if message.code != 1:  # 1: RSI is on; the last reply follows
                 del self._pending[message.id]
             pending.put(message)
 

@@ -22,6 +22,7 @@ BLOCK_ROWS = 2
 statements a row, and the time limit of its answer is 10 s."""
 
 MOST_ROWS = 500
+"""As many as `cellctl.dat` reserves: CC_TAB[3,500,12]."""
 
 
 @final

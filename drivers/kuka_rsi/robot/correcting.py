@@ -38,6 +38,8 @@ _ENDED = (
 )
 
 _SILENCE_S = 1.0
+"""Twice the longest silence that a controller tolerates (`LONGEST_TOLERANCE_MS`): it has ended RSI by then."""
+
 _SETTLED_S = 0.5
 """Samples older than this are complete, also while telegrams are under way."""
 
@@ -128,6 +130,7 @@ class Correcting:
         self._check_on()
         self.fade()
         limits = self._limits
+        # thrice the way at full rate, as each answer that was not taken costs a start from standstill
         ramp_s = 3 * limits.online_correction_deg / limits.online_rate_deg_s
         ramp_s += 2 * limits.online_rate_deg_s / limits.online_acceleration_deg_s2
         await self._until({Phase.LEAVING}, ramp_s + _BEGINS_S)

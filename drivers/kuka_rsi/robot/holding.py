@@ -103,7 +103,10 @@ class Holding:
         return not self._adrift
 
     def leave_correction(self) -> None:
-        """RSI is off again; a stop of the correction is none of the next search."""
+        """RSI is off again. Its number is not used again: the process would take the next search for a correction.
+
+        A stop that is set stays set for the next search (`SharedBlock.keep_stop`).
+        """
         self.search += self.correcting
         self.correcting = False
 
@@ -111,6 +114,8 @@ class Holding:
         """Whether the controller reports standstill; false if it is lost."""
         if not self._lines.connected:
             return True
+        # A message (ERROR) does not count as a motion: a command of ours is `_busy` until its reply, and if a message
+        # stopped it, the reply comes when the robot stands.
         with suppress(DeviceLost):
             return not (
                 self._busy or self._adrift or self.correcting or self._lines.halting.stat.program in ("MOVING", "RSI")

@@ -41,7 +41,7 @@ from drivers.kuka_rsi.settings import RsiSettings
 from drivers.seen_through import see_through
 
 AT_REST = (0.0,) * AXES
-"""The correction of such a session."""
+"""The correction of a session at rest. Its speed is stated as 1 deg/s: no speed is used, but times divide by it."""
 
 _COUNTED = (
     Slot.TELEGRAMS,
@@ -68,7 +68,9 @@ _SLOWEST_PERCENT = 0.01
 """Below this a move would last for hours; the controller refuses it too."""
 
 _FARTHEST_DEG = 720.0
-"""Largest rotation of an axis in a move whose target only the controller has."""
+"""Largest rotation of an axis in a move whose target only the controller has: from one end of A6 (±350 deg) to the
+other is 700.
+"""
 
 _MOVE_BESIDES_S = 15.0
 
@@ -286,7 +288,7 @@ class KukaRobot:
                 joints = self._arrived(await pending.reply(limit_s))
             except TimeoutError:
                 raise DeviceLost(self.name, f"program {number} did not end within {limit_s:.0f} s") from None
-            self._check_correction()
+            self._check_correction()  # again: the program may have run to its end without the correction
             return joints
 
     # compensation tables

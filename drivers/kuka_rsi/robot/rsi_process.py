@@ -118,6 +118,7 @@ class CyclicProcess:
             os.getpid(),
         )
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process
+        # -P: a file in the current folder, the user's, cannot take the place of a module
         command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic.process", orders.to_json()]
         try:
             child = subprocess.Popen(

@@ -28,6 +28,8 @@ _ALL_OF_IT_S = 86_400.0
 
 _FIRST_TELEGRAM_S = 2.0
 _SILENCE_S = 2.0
+"""Both longer than a controller waits for answers (`LONGEST_TOLERANCE_MS`): its own message comes first, as code 31."""
+
 _POLL_S = 0.02
 
 _LOOK_S = 0.05
@@ -170,6 +172,7 @@ class Search:
 
     async def _until_off(self, pending: Pending, record: SearchRecord) -> Reply:
         """Collect until the controller has left RSI. Raises DeviceLost if it does not, or the process has ended."""
+        # twice, as the path starts from standstill again after each answer that was not taken
         line_s = math.hypot(*self.order.correction) / self.order.speed_deg_s
         hold_s = self.order.hold_cycles * _LONGEST_CYCLE_S
         deadline = self.clock.now() + 2 * line_s + hold_s + _BESIDES_THE_LINE_S
