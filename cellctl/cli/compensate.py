@@ -14,7 +14,7 @@ from cellctl.cli.arguments import refuse_outputs, refused_rows, to_stdout, write
 from cellctl.cli.exit_codes import SHOWN, Exit
 from cellctl.clock import calendar_time
 from cellctl.compensation import METHODS
-from cellctl.devices.cell import TABLE_CORRECTION_DEG
+from cellctl.devices import TABLE_CORRECTION_DEG
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import DataSet, ModelFile
 from cellctl.formats.table import JOINT_DECIMALS

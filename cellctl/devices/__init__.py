@@ -14,6 +14,7 @@ from cellctl.devices._cell_io import (
 from cellctl.devices._correction import CorrectingRobot, CorrectionModel, CorrectionReport, CorrectionSample
 from cellctl.devices._points import Lock, Matrix3, MeasuredPoint, PointSource, Reflector, TwoFaceError, Vector3, Weather
 from cellctl.devices._protocols import (
+    TABLE_CORRECTION_DEG,
     Contact,
     ContactProbe,
     Device,
@@ -60,6 +61,7 @@ from cellctl.devices.tables import (
 )
 
 __all__ = [
+    "TABLE_CORRECTION_DEG",
     "Address",
     "CellIO",
     "CellReadings",

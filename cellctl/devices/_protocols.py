@@ -246,6 +246,11 @@ class ContactProbe(Device, Protocol):
         """Disarm. Raises DeviceLost."""
 
 
+TABLE_CORRECTION_DEG = 2.0
+"""Default limit of a table's correction of a joint, deg: a robot of this class is within half a degree; rows near a
+singularity are not."""
+
+
 @final
 @dataclass(frozen=True, slots=True)
 class Surroundings:
@@ -254,6 +259,7 @@ class Surroundings:
     `clock`: the cell's time; `folder`: the cell file's folder, against which paths in an address are read;
     `limits`: the cell file's limits for this device, in the driver's own names; missing ones take the driver's
     defaults, which are low. `reach_mm`: the maximum reach of the cell's robot, `axes`: their number; None if unknown.
+    `table_correction_deg`: largest correction of a joint by a table.
     """
 
     clock: Clock
@@ -261,6 +267,7 @@ class Surroundings:
     limits: dict[str, float] = field(default_factory=dict)
     reach_mm: float | None = None
     axes: int | None = None
+    table_correction_deg: float = TABLE_CORRECTION_DEG
 
 
 @final

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from cellctl.clock import Clock, WallClock
 from cellctl.devices._addresses import Address
-from cellctl.devices._protocols import Finding, Surroundings
+from cellctl.devices._protocols import TABLE_CORRECTION_DEG, Finding, Surroundings
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.kinds import CELL
@@ -31,10 +31,6 @@ ClockMode = Literal["realtime", "lockstep"]
 
 TABLE = "table"
 """The name in `limits:` for compensation tables; it is not a device."""
-
-TABLE_CORRECTION_DEG = 2.0
-"""Default limit of a table's correction of a joint, deg: a robot of this class is within half a degree; rows near a
-singularity are not."""
 
 ONLINE_CORRECTION_DEG = 0.5
 """Default limit of an on-line correction of a joint, deg, that of the driver."""
@@ -133,7 +129,10 @@ class Cell:
 
     def surroundings(self, device: str, clock: Clock) -> Surroundings:
         """The data for the driver of `device` besides its address."""
-        return Surroundings(clock, self.path.parent, self.limits.get(device, {}), self.reach_mm)
+        limits = self.limits.get(device, {})
+        return Surroundings(
+            clock, self.path.parent, limits, self.reach_mm, table_correction_deg=self.table_correction_deg
+        )
 
 
 def _read(document: Document, content: dict[str, Any]) -> _CellModel:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Protocol, final
 
 from cellctl.devices._protocols import JointReadings
-from cellctl.devices.errors import DeviceFault, DeviceRefused, LimitExceeded
-from cellctl.devices.tables import ControllerTable, TableInfo, TableRow, TableState, refuse_rows
+from cellctl.devices.errors import DeviceFault, DeviceRefused
+from cellctl.devices.tables import ControllerTable, TableInfo, TableRow, TableState, refuse_corrections, refuse_rows
 from cellctl.files import canonical_json, sha256_of, write_atomically
 
 MOST_ROWS = 10_000
@@ -56,8 +56,7 @@ class HostTables:
         refuse_rows(self.device, table, MOST_ROWS)
         if table.serial != self.serial:
             raise DeviceRefused(self.device, f"table {table.id[:12]} is for controller '{table.serial}'")
-        for number in range(1, len(table.rows) + 1):
-            self._compensated(table, number)
+        refuse_corrections(self.device, table, self.correction_deg)
         try:
             before = self._kept()[0]
         except (DeviceRefused, DeviceFault):
@@ -79,15 +78,8 @@ class HostTables:
         if table is None or not 1 <= row <= len(table.rows):
             rows = f"rows 1 … {len(table.rows)}" if table else "no table"
             raise DeviceRefused(self.device, f"there is no row {row}: this computer holds {rows} for it")
-        return self._compensated(table, row)
-
-    def _compensated(self, table: ControllerTable, number: int) -> JointReadings:
-        row = table.rows[number - 1]
-        largest = max(abs(a - b) for a, b in zip(row.compensated, row.nominal, strict=True))
-        if not largest <= self.correction_deg:  # a NaN is no correction either
-            what = f"row {number} of table {table.id[:12]} corrects a joint by {largest:.3f}°"
-            raise LimitExceeded(self.device, f"{what} (at most {self.correction_deg:g}°)")
-        return row.compensated
+        refuse_corrections(self.device, table, self.correction_deg)
+        return table.rows[row - 1].compensated
 
     def _kept(self) -> tuple[ControllerTable | None, ControllerTable | None]:
         if not self.file.exists():

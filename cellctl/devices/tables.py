@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol, final, runtime_checkable
 
 from cellctl.devices._protocols import Device, JointReadings, MovingRobot, SearchingRobot
-from cellctl.devices.errors import DeviceLost, DeviceRefused, DeviceUncertain
+from cellctl.devices.errors import DeviceLost, DeviceRefused, DeviceUncertain, LimitExceeded
 
 
 @final
@@ -103,6 +103,15 @@ def refuse_rows(device: str, table: ControllerTable, most: int) -> None:
     """Raise DeviceRefused for a table without rows, or with more than `most`."""
     if not 0 < len(table.rows) <= most:
         raise DeviceRefused(device, f"a table of {len(table.rows)} rows (1 … {most} fit)")
+
+
+def refuse_corrections(device: str, table: ControllerTable, most_deg: float) -> None:
+    """Raise LimitExceeded for a row that corrects a joint by more than `most_deg`, deg."""
+    for number, row in enumerate(table.rows, 1):
+        largest = max(abs(a - b) for a, b in zip(row.compensated, row.nominal, strict=True))
+        if not largest <= most_deg:  # a NaN is no correction either
+            what = f"row {number} of table {table.id[:12]} corrects a joint by {largest:.3f}°"
+            raise LimitExceeded(device, f"{what} (at most {most_deg:g}°)")
 
 
 @contextmanager

@@ -129,13 +129,16 @@ class MailboxFolder:
             return False
         return True
 
+    def clear(self) -> None:
+        """Delete what waits: where a run is resumed, it was meant for an earlier process."""
+        self._take()
+
     @asynccontextmanager
     async def emptied_into(self, mailbox: Mailbox) -> AsyncIterator[None]:
-        """Inside this context, pass each action to `mailbox`; actions that were waiting before are deleted.
+        """Inside this context, pass each action to `mailbox`, those that are waiting already first.
 
-        They may be meant for an earlier process: a run is resumed in the same folder.
+        An abort may come while devices and simulators still start.
         """
-        self._take()
         try:
             async with beside(self._look(mailbox), "mailbox folder"):
                 yield

@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_info
 from cellctl.clock import Clock, WallClock, calendar_time
 from cellctl.devices import DeviceBusy, DeviceError, DeviceUncertain
 from cellctl.devices.cell import ClockMode
-from cellctl.engine import Engine, Mailbox, Operator, Outcome, Plan, Surround, Watcher
+from cellctl.engine import Engine, Mailbox, MailboxFolder, Operator, Outcome, Plan, Surround, Watcher
 from cellctl.files import Document, InputError, Problem, sha256_of
 from cellctl.journal import (
     Journal,
@@ -158,6 +158,7 @@ def _journal(campaign: Campaign, options: Options, folder: Path, clock: Clock, s
         journal, event = Journal.create(folder, clock.now_ns), _started(campaign, options, folder.name, seed)
     else:
         journal = Journal.reopen(folder, clock.now_ns)
+        MailboxFolder(folder).clear()
         event = RunResumed(options.operator, calendar_time(), code_hash(), versions(), options.acknowledged)
     record.apply(journal.append(event))
     if options.acknowledged:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, final
 
 from cellctl.compensation import METHODS
-from cellctl.devices.cell import TABLE_CORRECTION_DEG
+from cellctl.devices import TABLE_CORRECTION_DEG
 from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile
 from cellctl.formats.table_making import mean_rms_max

@@ -28,10 +28,9 @@ def findings(address: Address, surroundings: Surroundings) -> list[Finding]:
     search, corrections = of_each(limits)
     errors = limit_errors(search, reach_mm) | online_limit_errors(corrections)
     name, axiscorr = "online_correction_deg", search.get("correction_deg", ceilings(reach_mm)["correction_deg"])
-    if name not in errors and corrections.get(name, 0.0) > axiscorr:
-        errors[name] = (
-            f"{name} {corrections[name]:g} is above correction_deg {axiscorr:g}, where AXISCORR clamps silently"
-        )
+    highest = corrections.get(name, OnlineLimits().online_correction_deg)
+    if name not in errors and highest > axiscorr:
+        errors[name] = f"{name} {highest:g} is above correction_deg {axiscorr:g}, where AXISCORR clamps silently"
     found = [Finding(what, _cure(name, reach_mm), name) for name, what in errors.items()]
     for name, need in SEARCH_NEEDS.items():
         if name in limits and name not in errors and limits[name] > need:
@@ -77,7 +76,8 @@ def open_robot(name: str, address: Address, surroundings: Surroundings) -> Compe
     search, corrections = of_each(surroundings.limits)
     limits = SearchLimits.from_settings(search, surroundings.reach_mm)
     online = OnlineLimits.from_settings(corrections)
-    return KukaRobot(name, RsiSettings.of(address, surroundings.folder), surroundings.clock, limits, online)
+    most = surroundings.table_correction_deg
+    return KukaRobot(name, RsiSettings.of(address, surroundings.folder), surroundings.clock, limits, online, most)
 
 
 def check_address(address: Address, folder: Path) -> list[str]:

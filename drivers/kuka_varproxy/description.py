@@ -14,7 +14,8 @@ def open_robot(name: str, address: Address, surroundings: Surroundings) -> Table
 
     `surroundings.limits` may set `speed_percent`. Raises ValueError for an error in the address or the limits.
     """
-    return VarProxyRobot(name, ProxyPlace.of(address), surroundings.clock, MoveLimits.of(surroundings.limits))
+    limits, most = MoveLimits.of(surroundings.limits), surroundings.table_correction_deg
+    return VarProxyRobot(name, ProxyPlace.of(address), surroundings.clock, limits, most)
 
 
 def _findings(address: Address, surroundings: Surroundings) -> list[Finding]:

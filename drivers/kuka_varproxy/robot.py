@@ -8,6 +8,7 @@ from typing import Final, final
 
 from cellctl.clock import Clock
 from cellctl.devices import (
+    TABLE_CORRECTION_DEG,
     ControllerTable,
     DeviceError,
     DeviceLost,
@@ -19,7 +20,7 @@ from cellctl.devices import (
     LimitExceeded,
     TableState,
 )
-from cellctl.devices.tables import lost_before_activation
+from cellctl.devices.tables import lost_before_activation, refuse_corrections
 from drivers.kuka_varproxy.line import ProxyLine, ProxyPlace
 from drivers.kuka_varproxy.moving import ACTUAL, Job, Mover
 from drivers.kuka_varproxy.readiness import SLOWEST_PERCENT, AxisRanges, MoveLimits, health_of, require_version
@@ -38,10 +39,18 @@ class VarProxyRobot:
     number and a check, the controller's program stops when this computer is silent, and all that counts is read back.
     """
 
-    def __init__(self, name: str, place: ProxyPlace, clock: Clock, limits: MoveLimits) -> None:
+    def __init__(
+        self,
+        name: str,
+        place: ProxyPlace,
+        clock: Clock,
+        limits: MoveLimits,
+        table_correction_deg: float = TABLE_CORRECTION_DEG,
+    ) -> None:
         self.name = name
         self._clock = clock
         self._limits = limits
+        self._table_correction_deg = table_correction_deg
         self._place = (place.host, place.port)
         self._identity: Identity | None = None
         self._line = ProxyLine(name, self._place, clock)
@@ -107,6 +116,7 @@ class VarProxyRobot:
         percent = self._percent(speed_percent)
         with self._one_at_a_time():
             found = await self._tables().active_row(row)
+            refuse_corrections(self.name, ControllerTable("in force", "", (found,)), self._table_correction_deg)
             return await self._go(Job(found.compensated, percent, row))
 
     async def stop(self) -> None:
@@ -128,6 +138,7 @@ class VarProxyRobot:
                 ranges = await AxisRanges.read(self._variables)
             for row in table.rows:
                 ranges.check(self.name, row.compensated)
+            refuse_corrections(self.name, table, self._table_correction_deg)
             return await self._tables().push(table)
 
     async def table_state(self) -> TableState:

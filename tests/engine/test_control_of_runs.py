@@ -508,6 +508,7 @@ def test_an_action_left_in_the_mailbox_folder_is_taken_recorded_and_deleted(tmp_
     engine, _, journal = engine_for(FOREVER, tmp_path)
     folder = MailboxFolder(tmp_path)
     folder.put("abort", ME, "from an earlier process")
+    folder.clear()
 
     async def meanwhile() -> None:
         await until(lambda: "forever" in CALLS)
@@ -524,6 +525,13 @@ def test_an_action_left_in_the_mailbox_folder_is_taken_recorded_and_deleted(tmp_
     assert (action.operator, action.host, action.via, action.text) == ("maria", "cell-pc", "cli", "enough")
     assert action.id
     assert not (tmp_path / "mailbox").exists()
+
+
+def test_an_abort_that_comes_while_the_run_starts_ends_it(tmp_path: Path) -> None:
+    engine, _, _ = engine_for(FOREVER, tmp_path)
+    MailboxFolder(tmp_path).put("abort", ME, "not now")
+    outcome = asyncio.run(engine.run())
+    assert (outcome.state, str(outcome.error)) == (State.ABORTED, "not now")
 
 
 def test_what_is_asked_at_the_wrong_time_is_refused_with_the_reason(tmp_path: Path) -> None:

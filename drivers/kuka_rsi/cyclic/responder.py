@@ -284,7 +284,7 @@ class Responder:
         self._block.add_sample(Sample(task.number, telegram.ipoc, now_ns, telegram.joints, telegram.currents or ()))
 
     def _plan(self, task: CyclicTask, telegram: Telegram, now_ns: int, leave: bool, skipped: int) -> bytes:
-        stopped = self._block.words[Slot.STOP] == task.number
+        stopped = self._block.words[Slot.STOP] != 0
         missed_before = task.missed
         correction, stop = task.answer(telegram, now_ns, stopped, self._beats, leave=leave)
         self._count(Slot.LOST, max(0, task.missed - missed_before - skipped))

@@ -31,7 +31,7 @@ _ROW_SLOTS = 3 + 2 * AXES
 class Slot(IntEnum):
     """Places of the slots. Up to `HOLD` the engine writes, from `SEARCH` on the cyclic process.
 
-    `STOP`: number of the search to be stopped, 0 without a stop. `SESSION`: number of the search for which the
+    `STOP`: not 0 stops every search until it is cleared. `SESSION`: number of the search for which the
     controller has reported that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
     """
 
@@ -135,14 +135,6 @@ class SharedBlock:
         for slot, oldest_ns in enumerate(order.guards_ns):
             self.words[Slot.OLDEST + slot] = oldest_ns
         self.words[Slot.ORDER] = order.number
-
-    def keep_stop(self, number: int) -> None:
-        """A stop that is already set also applies to search `number`.
-
-        Its number may be that of an earlier search, which ended before the stop was cleared.
-        """
-        if self.words[Slot.STOP]:
-            self.words[Slot.STOP] = number
 
     def announce_session(self, number: int) -> None:
         """The controller has reported that RSI is on, for search `number`: its telegrams may be answered."""

@@ -93,7 +93,6 @@ class Correcting:
         self._before = block.online.status(), self._counts()
         _, self._tail = block.online.log(0, 1 << 62)
         block.online.words[OnlineSlot.ORDER] = order.number
-        block.keep_stop(order.number)
         block.place_order(order)
         self._unreported = None
         self._holding.correcting = True
@@ -136,10 +135,10 @@ class Correcting:
         await self._until({Phase.LEAVING}, ramp_s + _BEGINS_S)
         trouble = self.trouble()
         reply = await self._lines.eki.ask("CORROFF")
+        if reply.code:  # RSI is still on: it stays answered, and whoever stops the robot sends HALT
+            raise refusal(self._device, reply, "end of the on-line correction")
         report = self._report()
         self._released()
-        if reply.code:
-            raise refusal(self._device, reply, "end of the on-line correction")
         if trouble:
             raise trouble
         return report
@@ -203,8 +202,8 @@ class Correcting:
     def _silent_s(self) -> float:
         """Since the newest telegram of the process."""
         block = self._lines.process.block
-        (newest,), _ = block.samples(block.words[Slot.HEAD] - 1)
-        return self._clock.now() - newest.arrival_ns * 1e-9
+        newest, _ = block.samples(block.words[Slot.HEAD] - 1)  # one, or more where telegrams came in between
+        return self._clock.now() - newest[-1].arrival_ns * 1e-9
 
     def _released(self) -> None:
         """RSI is off: nothing is answered any more."""

@@ -12,7 +12,13 @@ from drivers.kuka_rsi.cyclic.shared_block import Slot
 from drivers.kuka_rsi.robot.lines import ControllerLines
 from drivers.seen_through import see_through
 
-_HALT_S = 10.0
+_HALT_S = 8.0
+"""Less than the engine waits for a stop (10 s): it would give up first, and the words of `_uncertain` were lost."""
+
+_STANDS = (0, 30, 31)
+"""Codes of HALT's reply that confirm a standstill: done, stopped by another HALT, held by a message. A refusal (10
+busy, 11 unreadable, 12 not ready) comes while the robot may still move."""
+
 _LOOK_S = 0.02
 
 
@@ -29,15 +35,21 @@ class Holding:
         self._device = device
         self._lines = lines
         self._busy = False
+        self._stop = False
         self._adrift = False  # a motion was interrupted, and standstill is not confirmed since
 
     def stop_now(self) -> None:
         """Stop this search and every later one, until `clear_stop`; safe from any thread, never blocks."""
-        self._put_stop(self.search)
+        self._put_stop(stop=True)
 
     def clear_stop(self) -> None:
         """Clear the stop."""
-        self._put_stop(0)
+        self._put_stop(stop=False)
+
+    def keep_stop(self) -> None:
+        """A stop that was set before there was an RSI process, or with an earlier one, holds in this one too."""
+        if self._stop and (block := self._lines.block):
+            block.words[Slot.STOP] = 1
 
     async def stop(self) -> None:
         """Hold the robot in any state. Raises DeviceUncertain if the controller does not confirm it."""
@@ -63,8 +75,13 @@ class Holding:
 
     @asynccontextmanager
     async def held_in_trouble(self) -> AsyncIterator[None]:
-        """One motion at a time; halts the robot unless the controller itself reports the end of the motion."""
+        """One motion at a time; halts the robot unless the controller itself reports the end of the motion.
+
+        Nothing is begun while an earlier stop is not confirmed: it is asked for again. Raises DeviceUncertain.
+        """
         with self.one_at_a_time():
+            if self._adrift and not await see_through(self._halt()):
+                raise self._uncertain("it was not confirmed before either; nothing was begun")
             try:
                 yield
             except (DeviceRefused, DeviceFault, LimitExceeded):
@@ -83,9 +100,10 @@ class Holding:
             "Keep away from it, stop it at the pendant, then look at the EthernetKRL line.",
         )
 
-    def _put_stop(self, number: int) -> None:
+    def _put_stop(self, *, stop: bool) -> None:
+        self._stop = stop  # before the block is looked at: one that appears meanwhile gets it by `keep_stop`
         if block := self._lines.block:
-            block.words[Slot.STOP] = number
+            block.words[Slot.STOP] = int(stop)
 
     async def _halt(self) -> bool:
         """Request standstill and wait for it; returns whether the controller confirmed it.
@@ -96,16 +114,17 @@ class Holding:
             self._adrift = True
             with suppress(DeviceError):
                 process, eki = self._lines.process, self._lines.halting
-                await eki.ask("HALT", timeout_s=_HALT_S)
-                process.block.release()
-                self.leave_correction()
-                self._adrift = False
+                reply = await eki.ask("HALT", timeout_s=_HALT_S)
+                if reply.code in _STANDS:
+                    process.block.release()
+                    self.leave_correction()
+                    self._adrift = False
         return not self._adrift
 
     def leave_correction(self) -> None:
         """RSI is off again. Its number is not used again: the process would take the next search for a correction.
 
-        A stop that is set stays set for the next search (`SharedBlock.keep_stop`).
+        A stop that is set stays set for the next search.
         """
         self.search += self.correcting
         self.correcting = False

@@ -10,6 +10,7 @@ from typing import Final, final
 
 from cellctl.clock import Clock
 from cellctl.devices import (
+    TABLE_CORRECTION_DEG,
     ControllerTable,
     CorrectionModel,
     CorrectionReport,
@@ -27,6 +28,7 @@ from cellctl.devices import (
     SearchResult,
     TableState,
 )
+from cellctl.devices.tables import refuse_corrections
 from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
 from drivers.kuka_rsi.cyclic.session import SearchOrder
@@ -112,11 +114,18 @@ class KukaRobot:
     """
 
     def __init__(
-        self, name: str, settings: RsiSettings, clock: Clock, limits: SearchLimits, online: OnlineLimits | None = None
+        self,
+        name: str,
+        settings: RsiSettings,
+        clock: Clock,
+        limits: SearchLimits,
+        online: OnlineLimits | None = None,
+        table_correction_deg: float = TABLE_CORRECTION_DEG,
     ) -> None:
         self.name = name
         self._clock = clock
         self._limits = limits
+        self._table_correction_deg = table_correction_deg
         self._configuration = str(settings.ethernet)
         self._mode = settings.mode
         online = online or OnlineLimits()
@@ -139,7 +148,7 @@ class KukaRobot:
         DeviceUnreachable (port taken, no controller), DeviceFault (the controller shows a message). This needs no
         telegram, and nothing moves.
         """
-        return self._lines.identity or await self._lines.open(self.guard(ENGINE))
+        return self._lines.identity or await self._lines.open(self.guard(ENGINE), self._holding.keep_stop)
 
     async def close(self) -> None:
         """Stop the robot, end the process, close the lines."""
@@ -298,6 +307,7 @@ class KukaRobot:
         for row in table.rows:
             self._check_joints(row.nominal)
             self._check_joints(row.compensated)
+        refuse_corrections(self.name, table, self._table_correction_deg)
         with self._holding.one_at_a_time():
             return await self._tables().push(table)
 
@@ -326,7 +336,6 @@ class KukaRobot:
         if self._holding.correcting:
             raise DeviceRefused(self.name, "an on-line correction is on", "End it first.")
         process, eki = self._lines.process, self._lines.eki
-        process.block.keep_stop(order.number)
         try:
             yield Search(self.name, self._clock, eki, process, order, self._guards.names, self._configuration)
         finally:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import final
 
 from cellctl.clock import Clock
-from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, Guard, Identity
+from cellctl.devices import DeviceFault, DeviceLost, DeviceRefused, Guard, Identity, LimitExceeded
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
 from drivers.kuka_rsi.cyclic.shared_block import GUARDS, SharedBlock, Slot
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat
@@ -47,9 +47,16 @@ class GuardSlots:
         return _SlotGuard(self._block, slot)
 
     def oldest_ns(self, guards: dict[str, float]) -> tuple[int, ...]:
-        """Oldest beat allowed per slot, from names and seconds; 0 if a slot is unused."""
+        """Oldest beat allowed per slot, from names and seconds; 0 if a slot is unused.
+
+        The engine's own guard can be made stricter, not weaker. Raises LimitExceeded for a guard of no time, which
+        would guard nothing.
+        """
+        engine = min(guards.get(ENGINE, _OLDEST_ENGINE_BEAT_S), _OLDEST_ENGINE_BEAT_S)
         oldest = [0] * GUARDS
-        for name, seconds in {ENGINE: _OLDEST_ENGINE_BEAT_S, **guards}.items():
+        for name, seconds in {**guards, ENGINE: engine}.items():
+            if not seconds * 1e9 >= 1.0:  # nor NaN
+                raise LimitExceeded(self._device, f"guard '{name}' of {seconds:g} s: more than 0 s are needed")
             self.guard(name)
             oldest[self._slots[name]] = round(seconds * 1e9)
         return tuple(oldest)
@@ -127,13 +134,15 @@ class ControllerLines:
             raise DeviceLost(self._device, "not connected")
         return self._eki
 
-    async def open(self, engine: Guard) -> Identity:
+    async def open(self, engine: Guard, started: Callable[[], None]) -> Identity:
         """Start the process, open the channel, ask for the identity; `engine`: the guard for the engine's heartbeat.
+        started: called as soon as there is a block.
 
         Raises DeviceRefused, DeviceUnreachable, DeviceFault; then all is closed again.
         """
         try:
             self._process = await self._start_process()
+            started()
             self._eki = EkiChannel(self._device, self._settings.eki, self._clock)
             await self._eki.open()
             self._beating = asyncio.create_task(self._beat(engine), name=f"{self._device} heartbeat")
