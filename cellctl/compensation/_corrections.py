@@ -1,11 +1,8 @@
 """One pass of each compensation method, and the robot's predicted behaviour that it corrects.
 
-f is the controller's nominal kinematics, f* the identified robot, f₂ the identified robot without its errors of joint
-zeros Δθ: f₂(q) = f*(q − Δθ).
-
 T_d is the target, f the controller's nominal kinematics, f* the identified robot, f₂ the identified robot without its
-errors of joint zeros Δθ. Veitschegger–Wu and Newton–Raphson work with f₂ and subtract Δθ at the end. With Δθ in the
-model too it would count twice.
+errors of joint zeros Δθ: f₂(q) = f*(q − Δθ). Veitschegger–Wu and Newton–Raphson work with f₂ and subtract Δθ at the
+end. With Δθ in the model too it would count twice.
 """
 
 from __future__ import annotations

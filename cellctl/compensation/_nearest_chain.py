@@ -75,7 +75,7 @@ def _nearest(
         columns[:, 3:] *= LEVER_MM
         left = pose_difference(goal, chain.forward(q))
         left[:, 3:] *= LEVER_MM
-        hold = float(np.sqrt(np.mean(left[:, :3] ** 2))) / prior_mm
+        hold = float(np.sqrt(np.mean(left[:, :3] ** 2))) / prior_mm  # σ of the rows / σ of the prior, both mm
         rows = np.concatenate([columns.reshape(-1, len(unit)), hold * np.eye(len(unit))])
         wanted = np.concatenate([left.ravel(), hold * ((begin - values)[free] / unit)])
         step = np.linalg.lstsq(rows, wanted, rcond=_NEGLIGIBLE)[0]

@@ -1,7 +1,5 @@
 """Paths between taught points, how far the identified robot leaves them, and points in between.
 
-great arc.
-
 KUKA's LIN and CIRC with orientation #VAR, relative to the base (KSS, operating and programming instructions for system
 integrators, "motion types"): the orientation turns about one axis from start to end, in proportion to the way. The
 orientation of an auxiliary point is not used.

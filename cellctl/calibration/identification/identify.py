@@ -347,6 +347,7 @@ def _unseen(unknowns: Unknowns, blocks: Sequence[Rows], taught: float = np.inf) 
 
     taught: 1 σ, mm, of the tool's place beforehand. A direction along which rows and tolerances leave more of the tool
     open than that is held too, as uncertain as it was taught: otherwise the noise of the joints moves the tool there.
+    A combination of singular value s has 1 σ of 1/s, which moves the tool by `moved`/s mm.
     """
     if not (unknowns.free & unknowns.among(frozenset({"base", "tool"}))).any():
         return np.zeros((0, len(unknowns.names)))
@@ -437,7 +438,7 @@ def _noise(rows: RowBlocks, grown: Mapping[Factor, float]) -> Floats:
 
 def _fit(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
     """The fit; amounts that would fall below their effect's lower bound are held there, with their uncertainty from
-    before.
+    before, as if there were no bound. An amount that is held once is not released again.
     """
     found, held = estimate(unknowns, blocks, begin), np.zeros(len(unknowns.names), bool)
     while (below := unknowns.free & ~held & (found.deviations < unknowns.least)).any():

@@ -73,6 +73,9 @@ def shifts_of_tcp(task: Task, rows: RowBlocks) -> Floats:
 def remainder(rows: RowBlocks, linear: Linear, at: Any, prior: tuple[Floats, Floats], shifts: Floats) -> Remainder:
     """Of N rows, for the model of the unknowns `at` (indices into those of `linear`).
 
+    A row S e + J x (S its shifts) has the error e = −S⁺ r with covariance S⁺ J C Jᵀ S⁺ᵀ: what these unknowns may still
+    explain, with C as known without the rows. Residuals of a fit would have lost that part, and be correlated by it.
+
     prior: inverse covariance (F, F) of these unknowns without the rows, and gradient (F,). shifts: see `shifts_of_tcp`.
     Rows in which no instrument measures a point (touches, sockets) are left out: the places of their own points take up
     a part of each smooth error.
@@ -90,10 +93,12 @@ def remainder(rows: RowBlocks, linear: Linear, at: Any, prior: tuple[Floats, Flo
 
 
 SHOWN = 0.25
-"""A band of a joint's harmonics that moves the rows by less than this share of their noise is left out."""
+"""A band of a joint's harmonics that moves the rows by less than this share of their noise is left out: √(s²
+tr(JᵀJ)/n), the RMS over all n numbers, in their σ, of the band within its prior."""
 
 WORTH_ENDS = 0.1
-"""The same for a model with fewer terms, at the ends of the joint ranges, where errors are few and similar."""
+"""The same for a model with fewer terms, at the ends of the joint ranges, where errors are few and similar. No test:
+one row is at the ends of several joints."""
 
 
 @final
@@ -246,6 +251,8 @@ class _Ladder:
         """The most accurate of `wider` with fewer bands that does not fail at the ends; None where all do.
 
         They keep the noise and prior scales of `wider`: fewer bands with larger scales would fail in the same way.
+        The best of about 2n + 1 models on the same rows has too small an error; its gain has to pass `Gain` all the
+        same.
         """
         (effect,) = (each for each in self.candidates if each.group == group)
         fewer = effect.fewer_bands() if isinstance(effect, ResidualModel) else ()

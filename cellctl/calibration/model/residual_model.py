@@ -38,8 +38,14 @@ MOST_AMONG = 0.4
 """`left_among` of postures that are so few that they hardly show which others are among them."""
 
 CENTRES = 64
+"""At most so many: a fit has three unknowns for each, and its time grows with their cube."""
+
 MOST = 1000
+"""Postures that choose the length, at most. Their errors take no part in it."""
+
 ALIKE_RAD = 0.05
+"""Centres are further apart than this: nearer ones make k(C, C) singular."""
+
 _JITTER = 1e-6
 """Share of the variance on the diagonal of k(C, C): centres 0.05 rad apart are nearly dependent; Cholesky needs it."""
 

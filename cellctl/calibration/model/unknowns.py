@@ -220,7 +220,8 @@ class Unknowns:
         """Variance (P,), in tolerances, that each parameter gains where its group's factor² grows by 1.
 
         A robot's changes do not depend on how well it was known: all free parameters of a group gain alike, so that the
-        root mean square of the 1 σ grows by the factor. Without a prior model that is 1.
+        root mean square of the 1 σ grows by the factor: with c = 1/mean(1/C_ii) the mean of (C_ii + (f² − 1) c)/C_ii is
+        f². Without a prior model c = 1.
         """
         if self.prior is None:
             return np.ones(len(self.names))

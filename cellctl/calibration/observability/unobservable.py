@@ -102,7 +102,7 @@ SHORT = 4
 
 SEEN = 0.1
 """A combination is observable if one tolerance of it changes all rows together by this many standard deviations or
-more."""
+more: they then take s²/(1 + s²) = 1 % off its prior variance."""
 
 NOTHING = 1e-9
 """An effect on the rows below this share of the largest one is rounding."""

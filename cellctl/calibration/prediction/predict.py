@@ -224,7 +224,8 @@ def predict_rows(
         scaled = lengths * extra[part, None] / block.sigma
         spread = spread + (scaled**2)[:, :, None] * np.eye(residual.shape[1])
         spread = spread + np.matmul(moved, np.swapaxes(lines, -1, -2))
-        # the noise's part I becomes tails² I: large errors are more frequent than in a normal distribution
+        # the noise's part I becomes tails² I: large errors are more frequent than in a normal distribution. `variance`
+        # stays without it: regions are widened, σ is not (decision 26)
         wider = spread + (tails**2 - 1.0) * np.eye(residual.shape[1])
         along = np.diagonal(spread, axis1=-2, axis2=-1) * block.sigma**2
         variance[part] = np.sum(along[:, lengths], axis=-1)

@@ -129,7 +129,8 @@ SIGNIFICANT = 0.01
 """Significance level: scatter alone is taken for drift in one campaign in a hundred."""
 
 KNOWN_FROM = 30
-"""Cycles from which a robot's repeatability counts as known (ISO 9283 requires 30)."""
+"""Cycles from which a robot's repeatability counts as known (ISO 9283 requires 30): the weight of the stated σ
+in degrees of freedom."""
 
 
 @final
@@ -156,7 +157,9 @@ def linear_drift(touch: ArrayLike, shift_mm: ArrayLike, sigma_mm: float) -> Drif
     """The drift through visits at touch numbers (V,) with shifts (V,), mm, each with 1 σ `sigma_mm`.
 
     t test of the slope. Its scatter is pooled from the prior `sigma_mm`, with `KNOWN_FROM` cycles, and the visits about
-    the line, with V − 2: a few visits alone give a poor estimate. Fewer than three visits show no drift.
+    the line, with V − 2: s² = (30 σ² + Σ r²)/(30 + V − 2), the slope has the variance s²/Σ(t − t̄)². Of a few visits
+    alone s² is a poor estimate. Fewer than three visits show no drift. The line has an intercept: the first visit, from
+    which all shifts are counted, has scatter too.
     """
     number, shift = np.asarray(touch, float), np.asarray(shift_mm, float)
     visits = int(number.size)

@@ -71,7 +71,9 @@ class MeasuredRegion:
         return np.asarray(np.hypot(self.scatter_mm, self.outside(q)))
 
     def outside(self, q: Floats) -> Floats:
-        """The part of `sigma` (N,) that grows with the distance from the rows."""
+        """The part of `sigma` (N,) that grows with the distance from the rows: o √((ρ − w)/(1 − w)), ρ the share left,
+        w `within`: 0 among the rows, o far from all.
+        """
         beyond = np.maximum(self.coverage.remainder(q) - self.within, 0.0) / (1.0 - self.within)
         own = [each.outside(Postures(q)) for each in self.residual_models]
         return np.asarray(self.outside_mm * np.sqrt(np.max([beyond, *own], axis=0)))

@@ -100,7 +100,11 @@ class Harmonics(ResidualModel):
 
     @cached_property
     def sigma(self) -> Floats:
-        """Prior 1 σ about 0, rad."""
+        """Prior 1 σ about 0, rad.
+
+        A band of W waves has 2W amounts of variance expected²/W: over a turn Σ s sin mq + c cos mq has the RMS
+        `expected`. With cos mq − 1 that is the RMS about the mean of the turn; about 0 it is √2 times as much.
+        """
         counts = {band: self.bands.count(band) for band in dict.fromkeys(self.bands)}
         return np.array([self.expected * np.sqrt(2.0 / counts[band]) for band in self.bands])
 

@@ -1,8 +1,10 @@
 """Whether rows show that a model is incomplete, and held-out rows support a residual model.
 
 Of several terms that are tried, each would be kept by chance in 16 of 100 cases at one standard error of its gain, in 2
-of 100 at two. Random folds only show that a function interpolates. Whether it also holds beyond the rows is seen where
-the first or the last fifth of a joint's range is held out: a spurious function is often far off there.
+of 100 at two (one-sided normal distribution). That is for each term: one of four terms of no effect would be kept in 50
+of 100 searches. A term of no effect does worse in fact, as its estimated amounts add their own variance. Random folds
+only show that a function interpolates. Whether it also holds beyond the rows is seen where the first or the last fifth
+of a joint's range is held out: a spurious function is often far off there.
 """
 
 from __future__ import annotations
@@ -44,7 +46,10 @@ Terms: TypeAlias = tuple[Bools, Mapping[Factor, float]]
 @dataclass(frozen=True, slots=True)
 class Gain:
     """What a term gains in held-out rows: mean and standard error, mm. needed: of how many standard errors it has to
-    be.
+    be. worth: the least gain that counts, mm.
+
+    error = s/√N, s the standard deviation of the N paired differences, as if rows were independent. R repeats of a
+    posture have the same error of the model: the standard error is then too small, by up to √R.
     """
 
     mean: float
@@ -71,7 +76,8 @@ def worst_end(folded: Folded, q: Floats, before: Terms, after: Terms) -> float:
     joint's range, held out; 0 where no joint has rows enough at an end.
 
     Each ratio is less one standard error: of seven rows (a fifth of 36) it is known to 0.3 only, and one of twelve
-    ends would be above any limit by chance.
+    ends would be above any limit by chance. The largest of twelve is still: with seven rows at an end a model that is
+    as good as the one before fails in 15 to 35 of 100 draws (simulated normal errors), with twenty in at most 12.
     """
     ends = end_folds(q, FIFTH)
     if not ends:

@@ -81,7 +81,11 @@ class Estimate:
 
     @property
     def effective_parameters(self) -> float:
-        """Effective number of parameters that the data determined; tolerances determined the other free ones."""
+        """Effective number of parameters that the data determined; tolerances determined the other free ones.
+
+        γ = Σ s²/(1 + s²) over the singular values s of R W⁻¹. Pinned combinations count too, although they are
+        held: one with s = 3 by 0.9. γ is then too large by up to their number.
+        """
         data = self.triangle.T @ self.triangle
         known = self.whitening.T @ self.whitening
         return float(np.trace(np.linalg.solve(data + known, data))) if len(data) else 0.0
@@ -198,7 +202,8 @@ def seen_at_start(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
 
 def seen_despite_tolerances(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
     """`seen_at_start` (F, F), with the model's error as extra noise: the effect on the rows (RMS over all) of held
-    unknowns within what is known of them, as far as the free ones cannot absorb it.
+    unknowns within what is known of them, as far as the free ones cannot absorb it. With L their triangle below that of
+    the free ones and C their prior covariance: R/√(1 + v), v = tr(L C Lᵀ)/n.
     """
     problem = _Problem.of(unknowns, blocks)
     held, count = np.flatnonzero(~unknowns.free & (unknowns.sigma > 0.0)), problem.free.size
@@ -233,6 +238,8 @@ def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
     """Posterior covariance (P, P), in the parameters' units: of the free ones, and through the considered ones.
 
     With M = (RᵀR + WᵀW)⁻¹ the free ones answer an error δ of held ones by −M RᵀR_h δ (Schmidt's *consider* covariance).
+    This takes free and held ones as uncorrelated beforehand; `Task._with_prior` clears the covariance of those found
+    anew.
     """
     unknowns, free, scale = problem.unknowns, problem.free, problem.scale
     result = np.zeros((len(unknowns.names),) * 2)
@@ -255,7 +262,8 @@ def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
 
 def _of_the_pinned(pinned: Floats, triangle: Floats, own: Floats) -> Floats:
     """Covariance (F, F) of the free unknowns from pinned combinations, each uncertain by its whole tolerance, or by its
-    share 1/s of it (rows of length s > 1); `own` is the covariance with these exact.
+    share 1/s of it (rows of length s > 1); `own` is the covariance with these exact. The rows
+    are scaled right singular vectors (`identify._unseen`), orthogonal to each other: R of their QR holds their lengths.
     """
     along, lengths = np.linalg.qr(pinned.T)
     along = along / np.maximum(np.abs(np.diag(lengths)), 1.0)

@@ -22,6 +22,8 @@ from cellctl.calibration.solver.estimate import Estimate, linearised
 from cellctl.kinematics import Bools, Floats
 
 SHELLS_MM = (5.0, 15.0, 40.0, 100.0)
+"""Distances from the known tool: local optima were 7 … 25 mm apart (decision 13)."""
+
 DIRECTIONS = 16
 """Tools are tried in so many directions at each of these distances."""
 
@@ -266,7 +268,8 @@ def with_rival_tools(found: Estimate, rows: RowBlocks, certified: Sequence[Rows]
 
 def improbability(unknowns: Unknowns, state: State, blocks: Sequence[Rows]) -> float:
     """−2 ln of the probability of `blocks` about `state`, up to a constant; integrated over the uncertainty in
-    `unknowns.prior`.
+    `unknowns.prior`. With P = U Uᵀ and A = I + UᵀJᵀJU no matrix of the rows is needed: rᵀS⁻¹r = rᵀr − bᵀA⁻¹b, b =
+    UᵀJᵀr, and det S = det A (Sylvester).
     """
     assert unknowns.prior is not None
     size = np.sqrt(np.diag(unknowns.prior))
@@ -298,7 +301,10 @@ def _is_another(found: Estimate, moved: Floats) -> bool:
 
 
 def _spread(rivals: Sequence[tuple[float, Floats]], shape: tuple[int, ...]) -> Floats:
-    """Variance (P, P) from the open choice of tool, with the odds and distances (P,) of the rivals."""
+    """Variance (P, P) from the open choice of tool, with the odds and distances (P,) of the rivals.
+
+    Σ w d dᵀ about the tool found, which is stated, not about the mean of all: larger than the variance of the mixture.
+    """
     total = 1.0 + sum(odds for odds, _ in rivals)
     return np.asarray(sum((odds / total * np.outer(moved, moved) for odds, moved in rivals), np.zeros(shape)))
 

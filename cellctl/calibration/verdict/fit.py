@@ -252,12 +252,13 @@ def _parts(split: Split, progress: Progress) -> Iterator[Progress]:
 
 
 def _observability(task: Task, found: Identification, own: RowBlocks) -> Observability:
+    # in units of the prior σ as stated: a scaled prior makes every combination seem better observable
     given = found.identified.unknowns
     parameters = ~given.among(functions())  # coefficients of a random function are not counted one by one
     unknowns = replace(given.masked(parameters), sigma=found.nominal.unknowns.sigma)
     rows = [in_their_sockets(block, unknowns.start) for block in own.noisier(found.noise).blocks]
     seen = seen_at_start(unknowns, [*rows, *certified_rows(task)])
-    if unknowns.pinned is not None and len(unknowns.pinned):  # combinations below the noise are unobservable
+    if unknowns.pinned is not None and len(unknowns.pinned):  # R (I − P Pᵀ), P a basis of them: singular value 0
         pins = np.linalg.qr(unknowns.pinned[:, unknowns.free].T)[0]
         seen = seen - (seen @ pins) @ pins.T
     return observability(

@@ -32,6 +32,7 @@ def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: 
     used = task.rows.pick(list(by.used))
     unseen = unseen_by(task, by.identified.unknowns, used, rows)
     nominal, identified = _both_settled(task, by, rows, unseen)
+    # fitted to these rows: their prior σ is no uncertainty here; what their fit absorbs is in `hidden` and `taken`
     covariance = np.where(unseen[:, None] | unseen, 0.0, by.identified.covariance)
     noisy = rows.noisier(_noise_of(used, by))
     hidden = _hidden(identified, noisy, unseen)
@@ -160,7 +161,9 @@ def _placed_anew(model: RobotModel, new: RobotModel, unseen: Bools) -> RobotMode
 
 
 def _share_left(rows: RowBlocks, hidden: Sequence[Floats | None]) -> float:
-    """The share of the rows' numbers that remains after the fit to them."""
+    """The share of the rows' numbers that remains after the fit to them: (n − u)/n, u the rank of what was fitted. It
+    is their mean redundancy number, and the same for each row.
+    """
     fitted = max((own.shape[-1] for own in hidden if own is not None), default=0)
     return max(1.0 - fitted / max(rows.size, 1), 0.0)
 

@@ -135,7 +135,7 @@ def _short_sessions(task: Task, rows: RowBlocks, held_out: RowBlocks) -> list[st
     found = []
     for number, session in enumerate(task.sessions):
         sizes = [block.sigma.size for block in held_out.blocks if block.session == number and (block.visited < 0).all()]
-        needed = OVERDETERMINED * (9 if "tool" in session.own else 6)
+        needed = OVERDETERMINED * (9 if "tool" in session.own else 6)  # a base has 6 numbers, the place of a tool 3
         if number not in known and 0 < sum(sizes) < needed and session.own:
             found.append(f"session {session.name} has {sum(sizes)} numbers to judge by, {needed} at least")
     return found

@@ -23,7 +23,8 @@ OF_EACH_END = 60
 """Rows used of each end of a joint's range, at most."""
 
 UNLIKELY = 0.1
-"""A low count of rows in their 95 % regions is significant at this p-value or less (binomial test)."""
+"""A low count of rows in their 95 % regions is significant at this p-value or less (binomial test). Ten times the level
+of the verdict (`judgement.UNLIKELY`): here it only widens the regions, there it takes away the trust in σ."""
 
 ROWS_AT_LEAST = 20
 """Of fewer rows too few can be held out at the ends of the joint ranges."""
@@ -42,7 +43,8 @@ UPPER_Z = 1.2816
 
 RANGE, STEPS = (0.01, 3.0), 60
 """σ outside that are tried, in nominal's RMS error among the rows. A real UR10's nominal is 2.4 times as far off where
-its joints were not measured as among the rows that it was registered on."""
+its joints were not measured as among the rows that it was registered on. A step is a factor of 1.10; the upper point is
+rounded down to one."""
 
 
 @final
@@ -102,7 +104,8 @@ def _axes(rows: RowBlocks) -> int:
 
 def _scatter(found: Identification, used: RowBlocks) -> float:
     """Scatter of the rows beyond their stated σ, 1 σ, 3-D, mm. With several kinds, the least of them: in the others it
-    is due to the instrument.
+    is due to the instrument. A noise factor φ means the variance (φ² − 1) σ² more on each axis, three times that in
+    3-D.
     """
     excess = []
     for block, _, own in used.parts():
@@ -152,7 +155,7 @@ def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> flo
     predicts: sixty of them are not sixty observations of s. The ends of different joints have rows in common as well.
     All of them count as `NUMBERS`, so L(s) = NUMBERS · the rows' log density per measured number. The most probable s
     is near 0 whenever the model holds at the ends by luck; then predictions outside are far worse than stated. The
-    upper point, the largest s with L(s) ≥ max L − z²/2, is never 0.
+    upper point, the largest s with L(s) ≥ max L − z²/2, is never 0 (one-sided, as 2 (max L − L) ~ χ²(1)).
     """
     known = ~ends.placed & (share > 0.0)
     if not known.any():
@@ -164,7 +167,8 @@ def _outside(ends: Predicted, share: Floats, per_mm: Floats, most: float) -> flo
         whole = covariance + tried**2 * added
         fits.append(float(np.sum(squared_distances(residual, whole) + np.linalg.slogdet(whole)[1])))
     measured = int(np.count_nonzero(per_mm[known]))
-    # a touch or a length measures one direction, which changes from row to row: these are observations of their own
+    # a touch or a length measures one direction, which changes from row to row: these are observations of their own,
+    # counted once for each joint at whose end they are (`end_folds`): three times on average
     of_points = measured > len(residual)
     likelihood = -0.5 * (NUMBERS / measured if of_points else 1.0) * np.array(fits)
     return float(grid[np.flatnonzero(likelihood >= likelihood.max() - 0.5 * UPPER_Z**2)[-1]])
