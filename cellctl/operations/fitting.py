@@ -169,7 +169,7 @@ class Fitted:
     def model(self) -> ModelFile:
         """The model file."""
         given = self.given
-        return ModelFile.of(given.robot, self.measured, self.result, given.hashes, given.prior)
+        return ModelFile.of(self.measured.robot, self.measured, self.result, given.hashes, given.prior)
 
     def page(self, robot: str, data: str) -> str:
         """The report as an HTML page; `robot`, `data`: names of these files on it."""
