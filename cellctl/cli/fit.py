@@ -78,8 +78,9 @@ def _cells(figures: dict[str, float]) -> list[str]:
 def _model(report: dict[str, Any]) -> Iterator[str]:
     seen = f"{report['rank']} of {report['n_parameters']} parameter combinations are observable"
     yield f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out."
-    sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
-    yield f"Predicted over {report['predicted_over']}: {sure}."
+    if report["predicted_volumetric_rms"] is not None:
+        sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
+        yield f"Predicted over {report['predicted_over']}: {sure}."
     if report["prior"] and not report["informed"]:
         yield "The measured region is still that of the prior model: these rows determined places, not the robot."
     if not report["converged"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -69,7 +68,7 @@ class Perceptron(Method):
         return PerceptronMap(of_inputs, of_outputs, tuple(trained.coefs_), tuple(trained.intercepts_))
 
     def _trained(self, inputs: Floats, outputs: Floats) -> Any:
-        network, unfinished = _library()
+        network, unfinished = require_library()
         made = network(
             hidden_layer_sizes=self.hidden,
             activation="tanh",
@@ -94,16 +93,12 @@ def tuned_perceptron(
     return Tuned([Perceptron(units, alpha, seed) for units in hidden for alpha in alphas], seed=seed)
 
 
-def require_library() -> None:
-    """Raise LibraryMissing, with the command that installs it, where scikit-learn is missing."""
-    if importlib.util.find_spec("sklearn") is None:
+def require_library() -> tuple[Any, type[Warning]]:
+    """scikit-learn's perceptron and its warning. Raises LibraryMissing, with the command that installs it."""
+    try:
+        from sklearn.exceptions import ConvergenceWarning  # an extra: it may be missing
+        from sklearn.neural_network import MLPRegressor  # an extra: it may be missing
+    except ImportError:
         cure = "pip install 'cellctl[baselines]'"
-        raise LibraryMissing(f"the perceptron needs scikit-learn, which is not installed: {cure}")
-
-
-def _library() -> tuple[Any, type[Warning]]:
-    require_library()
-    from sklearn.exceptions import ConvergenceWarning  # an extra: it may be missing
-    from sklearn.neural_network import MLPRegressor  # an extra: it may be missing
-
+        raise LibraryMissing(f"the perceptron needs scikit-learn, which is not installed: {cure}") from None
     return MLPRegressor, ConvergenceWarning

@@ -123,7 +123,7 @@ class KrigingTerm(_MapTerm):
         if self.settings["weights"] == "searched":
             method = self._tuned(replace(method, joint_weights=self._searched(method, at, errors)), at, errors)
         found = method.fit(at, errors)
-        inflation, constant = _sigma_by_folds(method, at, errors, left.noise_mm)
+        inflation, constant = _sigma_by_folds(method, at, errors, left.stated)
         return replace(
             self,
             points=at,
@@ -202,22 +202,22 @@ _SHARES = np.geomspace(0.01, 1.5, 41)
 """Factors on the standard deviation of kriging that are tried, and constant parts, in RMS of the held-out errors."""
 
 
-def _sigma_by_folds(method: Kriging, at: Floats, errors: Floats, noise_mm: float) -> tuple[Numbers, Numbers]:
+def _sigma_by_folds(method: Kriging, at: Floats, errors: Floats, stated: Floats) -> tuple[Numbers, Numbers]:
     """Factors s (3,) on the standard deviation √v of kriging, and constant parts c (3,), mm, along each axis.
 
-    The most probable ones for errors e of held-out rows, e ~ N(0, s² v + c² + noise²). Kriging takes its range and sill
-    as known, and all pairs as independent: by itself v is some times too small or too large. c is what varies faster
-    than the distance of the rows; without it σ is far too small where rows are dense. Both are empty where fewer than
-    `LEAST_SHOWN` rows were measured.
+    The most probable ones for errors e of held-out rows, e ~ N(0, s² v + c² + u), u what is stated besides. Kriging
+    takes its range and sill as known, and all pairs as independent: by itself v is some times too small or too large.
+    c is what varies faster than the distance of the rows; without it σ is far too small where rows are dense. Both are
+    empty where fewer than `LEAST_SHOWN` rows were measured.
     """
     if len(at) < LEAST_SHOWN:
         return (), ()
     away, variances = _held_out(method, at, errors, grouped_folds(at, FOLDS, 1))
     factors, constants = [], []
-    for e, v in zip(away.T, variances.T, strict=True):
-        rms = max(float(np.sqrt(np.mean(e**2))), noise_mm, 1e-9)
+    for e, v, u in zip(away.T, variances.T, stated.T, strict=True):
+        rms = max(float(np.sqrt(np.mean(e**2))), 1e-9)
         grid = [(s, c * rms) for s in _FACTORS for c in _SHARES]
-        total = np.array([s**2 * v + c**2 + noise_mm**2 for s, c in grid])
+        total = np.array([s**2 * v + c**2 + u for s, c in grid])
         s, c = grid[int(np.argmin(np.sum(np.log(total) + e**2 / total, axis=1)))]
         factors.append(float(s))
         constants.append(float(c))

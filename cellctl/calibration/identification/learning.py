@@ -54,7 +54,7 @@ def with_maps(found: Estimate, rows: RowBlocks) -> Estimate:
     """
     for place, effect in enumerate(found.state.model.effects):
         if isinstance(effect, LearntMap):
-            found = _with_effect(found, place, effect.learnt(_left(found.state, rows)))
+            found = _with_effect(found, place, effect.learnt(_left(found, rows)))
     return found
 
 
@@ -70,17 +70,20 @@ def _with_effects(state: State, effects: tuple[Effect, ...]) -> State:
     return replace(state, models=tuple(models))
 
 
-def _left(state: State, rows: RowBlocks) -> Left:
-    """What `state` leaves at those of `rows` in which an instrument measures a point."""
-    parts = [_of_block(state, block) for block in rows.blocks if len(block) and block.of_instrument]
-    at = Postures.joined([at for at, _, _ in parts]) if parts else Postures(np.zeros((0, state.model.n)))
+def _left(found: Estimate, rows: RowBlocks) -> Left:
+    """What `found` leaves at those of `rows` in which an instrument measures a point."""
+    model = found.state.model
+    parts = [_of_block(found.state, block) for block in rows.blocks if len(block) and block.of_instrument]
+    at = Postures.joined([at for at, _, _ in parts]) if parts else Postures(np.zeros((0, model.n)))
     errors = np.concatenate([np.zeros((0, 3)), *(errors for _, errors, _ in parts)])
-    variances = np.concatenate([np.zeros(0), *(variance for _, _, variance in parts)])
-    return Left(state.model, at, errors, float(np.sqrt(variances.mean())) if len(variances) else 0.0)
+    noise = np.concatenate([np.zeros((0, 3)), *(variance for _, _, variance in parts)])
+    columns = np.swapaxes(model.chain.base_now[:3, :3].T @ model.jacobian(at)[:, :3], 1, 2)
+    covariance = found.covariance[: found.unknowns.robot, : found.unknowns.robot]
+    return Left(model, at, errors, noise + np.einsum("npa,pq,nqa->na", columns, covariance, columns, optimize=True))
 
 
 def _of_block(state: State, block: Measured) -> tuple[Postures, Floats, Floats]:
-    """Postures, errors (N, 3), and their stated variance on one axis (N,), mm².
+    """Postures, errors (N, 3), mm, and their variance by the instrument (N, 3), mm².
 
     A shift d of the TCP changes the numbers r of a row, model − measurement in σ, by C d. The shift that leaves the
     least of them, −C⁺ r, is actual − model; its covariance is (CᵀC)⁻¹.
@@ -95,4 +98,4 @@ def _of_block(state: State, block: Measured) -> tuple[Postures, Floats, Floats]:
     whole = np.flatnonzero(singular[:, -1] > ALONG * singular[:, 0]) if columns.shape[1] >= 3 else np.zeros(0, int)
     inverse = np.linalg.pinv(columns[whole])
     errors = -np.einsum("nak,nk->na", inverse, residual[whole])
-    return block.postures.pick(whole), errors, np.sum(inverse**2, axis=(1, 2)) / 3.0
+    return block.postures.pick(whole), errors, np.sum(inverse**2, axis=2)

@@ -30,13 +30,14 @@ class Left:
     """What an identified model leaves at N rows.
 
     model: with all terms but the map. at: the rows' postures and conditions. errors (N, 3): actual − model, mm, of the
-    TCP along the axes of the robot's base. noise_mm: 1 σ of them on one axis, as the instrument states it.
+    TCP along the axes of the robot's base. stated (N, 3): variance of them that every prediction has besides the
+    map's, mm²: of the instrument, and of the model's parameters.
     """
 
     model: RobotModel
     at: Postures
     errors: Floats
-    noise_mm: float
+    stated: Floats
 
 
 class LearntMap(ResidualModel):
@@ -45,6 +46,7 @@ class LearntMap(ResidualModel):
     __slots__ = ()
 
     chosen: ClassVar = "named"
+    is_map: ClassVar = True
     prior_scales: ClassVar = None
 
     @classmethod

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Self, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -149,6 +149,9 @@ class ResidualModel(Effect):
     """
 
     __slots__ = ()
+
+    is_map: ClassVar[bool] = False
+    """Whether it is learnt from what all other terms leave, after them (`LearntMap`)."""
 
     def variance(self, nominal: SerialChain, at: Postures) -> Floats:
         """Variance of the function that the amounts leave open at each posture (N,): mm² of the TCP on each axis. Every

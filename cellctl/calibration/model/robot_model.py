@@ -77,6 +77,12 @@ class RobotModel:
             sum((each.variance(self.nominal, postures) for each in self.residual_models), np.zeros(len(postures)))
         )
 
+    def map_variance(self, at: At) -> Floats:
+        """The part of `open_variance` (N,) that its error maps leave; NaN: they state none."""
+        postures = Postures.of(at)
+        maps = [each for each in self.residual_models if each.is_map]
+        return np.asarray(sum((each.variance(self.nominal, postures) for each in maps), np.zeros(len(postures))))
+
     def outside(self, at: At) -> Floats:
         """How far each posture (N,) is outside the region of its residual models: 0 to 1, a share of variance."""
         postures = Postures.of(at)
