@@ -104,7 +104,7 @@ def test_sigma_of_a_prediction_has_what_it_leaves_open(model, without, monkeypat
     monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, KrigingField))
     own = model.robot_model().residual_models[-1]
     at = Postures(ROBOT.joint_map().model(BETWEEN))
-    more = np.hypot(np.sqrt(3.0 * own.variance(model.nominal, at)), _growth_of_region(model, at.q))
+    more = np.hypot(np.sqrt(3.0 * own.variance(model.robot_model().nominal, at)), _growth_of_region(model, at.q))
     assert more.min() > 0.005
     np.testing.assert_allclose(model.predict(BETWEEN).sigma_mm, np.hypot(plain[0], more), rtol=1e-9)
     np.testing.assert_allclose(model.sigma(BETWEEN, kind="among"), np.hypot(plain[1], more), rtol=1e-9)
