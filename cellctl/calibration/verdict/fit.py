@@ -47,7 +47,8 @@ class FitResult:
     orientations the tool would be wrong by up to their whole tolerance), or because the rows leave most of the joint
     ranges open (`gaps`). unpredicted: indices of held-out rows far beyond the model's
     prediction, unpredicted_mm: their errors, predicted_mm: 1 σ (3-D) predicted for each; they are included in the
-    figures. ladder: the models tried, if the task left the terms open.
+    figures. test_errors, test_p_values: of the held-out rows, mm, in the order of the split; a p-value is the probability
+    of an error at least as improbable. ladder: the models tried, if the task left the terms open.
 
     nominal_with_tool: of socket visits, nominal with its tool registered too: `nominal` has only the sockets' places
     fitted, and the verdict compares with this one. prior: a prior model, registered, on the rows of `nominal`; None
@@ -76,6 +77,7 @@ class FitResult:
     predicted_mm: tuple[float, ...]
     nominal_errors: Floats
     test_errors: Floats
+    test_p_values: Floats
     reliability: Reliability
     region: MeasuredRegion
     ladder: tuple[Step, ...] = ()
@@ -222,6 +224,7 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         **_unpredicted(split, held_out),
         nominal_errors=nominal,
         test_errors=held_out.identified,
+        test_p_values=held_out.p_value,
         ladder=whole.ladder,
         reliability=whole.reliability,
         region=region,
