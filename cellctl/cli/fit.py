@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cellctl.calibration.verdict.comparison import ComparedFits, interval
 from cellctl.cli import arguments
 from cellctl.cli.arguments import Unwritten, refuse_json_on_stdout, refuse_outputs, shown_name, to_stdout, write_json
 from cellctl.cli.exit_codes import SHOWN, Exit
 from cellctl.cli.fit_progress import shown_progress
 from cellctl.files import InputError, write_atomically
 from cellctl.formats import DataSet, ModelFile
-from cellctl.operations.comparing_fits import ComparedFits, compare_fits, interval
+from cellctl.operations.comparing_fits import compare_fits
 from cellctl.operations.fit_options import Asked, Judging, option
 from cellctl.operations.fitting import FitInput, fit_rows
 from cellctl.operations.predicting import predict_rows

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellctl.calibration.verdict.comparison import Difference
-from cellctl.operations.comparing_fits import ComparedFits
+from cellctl.calibration.verdict.comparison import ComparedFits, Difference
 from cellctl.report._page import template
 from cellctl.report.drawing import ACCENT, BEFORE, FAINT, HELD_OUT, INK, millimetres, svg_of
 from cellctl.report.figures import fixed, percent

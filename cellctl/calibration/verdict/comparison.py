@@ -1,4 +1,4 @@
-"""The difference of two models' errors on the same held-out rows, with an interval that allows for overlapping folds.
+"""Models on the same held-out rows, and the difference of their errors, with an interval for overlapping folds.
 
 With J folds the models of two folds share most of their rows, so the differences d_j of the folds are not independent:
 their variance S² / J is too small, and a paired t test finds differences where there are none in up to half of all
@@ -13,12 +13,14 @@ with J − 1 degrees of freedom. With one split there is no overlap: rows are th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Self, final
+from dataclasses import asdict, dataclass
+from typing import Any, Self, final
 
 import numpy as np
 
 from cellctl.calibration.distributions import t_ppf
+from cellctl.calibration.verdict.fit import FitResult
+from cellctl.calibration.verdict.judgement import ErrorFigures
 from cellctl.calibration.verdict.proof import Split
 from cellctl.kinematics import Floats
 
@@ -60,3 +62,91 @@ def fold_means(values: Floats, split: Split) -> Floats:
     """Mean of the values (N,) of each fold's held-out rows (J,)."""
     ends: Sequence[int] = np.cumsum([len(test) for _, test in split.judged])[:-1].tolist()
     return np.array([part.mean() for part in np.split(values, ends) if part.size])
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ComparedModel:
+    """One model on held-out rows. choice: as named; model: its terms. test: errors, mm. coverage_95, predicted_rms
+    (mm): None where it states no σ. less: mean error less that of the first, mm, with its 95 % interval; None for the
+    first. seconds: of its fits.
+    """
+
+    choice: str
+    model: str
+    n_parameters: int
+    test: ErrorFigures
+    coverage_95: float | None
+    predicted_rms: float | None
+    less: Difference | None
+    seconds: float
+
+    @property
+    def stated_over_found(self) -> float | None:
+        """Predicted over found RMS; None without σ."""
+        return None if self.predicted_rms is None else self.predicted_rms / max(self.test.rms, 1e-12)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ComparedFits:
+    """Nominal's errors on the held-out rows, mm, and each model. results: their fits; split: their rows; noun: of these
+    rows, such as positions.
+    """
+
+    nominal: ErrorFigures
+    models: tuple[ComparedModel, ...]
+    results: tuple[FitResult, ...]
+    split: Split
+    noun: str
+
+    @classmethod
+    def of(
+        cls, choices: Sequence[str], results: Sequence[FitResult], seconds: Sequence[float], split: Split, noun: str
+    ) -> Self:
+        """Of the fits of `choices` with this split, the first one first."""
+        columns = zip(choices, results, seconds, strict=True)
+        models = tuple(_compared(name, result, results[0], split, took) for name, result, took in columns)
+        return cls(results[0].nominal, models, tuple(results), split, noun)
+
+    @property
+    def sentence(self) -> str:
+        """Which of them have the least error, in a sentence."""
+        best = min(self.models, key=lambda each: each.test.mean)
+        rows = f"{self.results[0].n_test} held-out {self.noun}"
+        least = f"{best.choice} leaves the least on {rows}: {best.test.mean:.3f} mm (mean)"
+        if best.less is None:
+            worse = [each.choice for each in self.models if each.less and each.less.low > 0.0]
+            others = f"surely less than {', '.join(worse)}" if worse else "no other model leaves surely more"
+            return f"{least}; {others}."
+        first = f"{self.models[0].choice} with {self.models[0].test.mean:.3f} mm"
+        sure = "surely less than" if best.less.high < 0.0 else "not surely less than"
+        return f"{least}, {sure} {first} ({interval(best.less)} mm)."
+
+    def figures(self) -> dict[str, Any]:
+        """For JSON: rows held out, nominal's errors, and each model."""
+        rows = [{**asdict(each), "stated_over_found": each.stated_over_found} for each in self.models]
+        return {"n_test": self.results[0].n_test, "nominal": asdict(self.nominal), "models": rows}
+
+    def fold_means(self, place: int) -> Floats:
+        """Mean error (J,), mm, of model `place` in each fold."""
+        return fold_means(self.results[place].test_errors, self.split)
+
+
+def interval(less: Difference) -> str:
+    """`-0.012, 95 % −0.020 … −0.004`, mm."""
+    return f"{less.mean:+.3f}, 95 % {less.low:+.3f} … {less.high:+.3f}".replace("-", "−")
+
+
+def _compared(name: str, result: FitResult, first: FitResult, split: Split, seconds: float) -> ComparedModel:
+    stated = bool(np.isfinite(result.predicted_test_rms))
+    return ComparedModel(
+        choice=name,
+        model=result.model,
+        n_parameters=result.n_parameters,
+        test=result.test,
+        coverage_95=result.coverage_95 if stated else None,
+        predicted_rms=result.predicted_test_rms if stated else None,
+        less=None if result is first else Difference.of(first.test_errors, result.test_errors, split),
+        seconds=round(seconds, 3),
+    )

@@ -47,8 +47,8 @@ class FitResult:
     orientations the tool would be wrong by up to their whole tolerance), or because the rows leave most of the joint
     ranges open (`gaps`). unpredicted: indices of held-out rows far beyond the model's
     prediction, unpredicted_mm: their errors, predicted_mm: 1 σ (3-D) predicted for each; they are included in the
-    figures. test_errors, test_p_values: of the held-out rows, mm, in the order of the split; a p-value is the probability
-    of an error at least as improbable. ladder: the models tried, if the task left the terms open.
+    figures. test_errors, test_p_values: of the held-out rows, mm, in the order of the split; a p-value is the
+    probability of an error at least as improbable. ladder: the models tried, if the task left the terms open.
 
     nominal_with_tool: of socket visits, nominal with its tool registered too: `nominal` has only the sockets' places
     fitted, and the verdict compares with this one. prior: a prior model, registered, on the rows of `nominal`; None
