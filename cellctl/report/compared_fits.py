@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from cellctl.calibration.verdict.comparison import ComparedFits, Difference
+from cellctl.kinematics import Floats
 from cellctl.report._page import template
 from cellctl.report.drawing import ACCENT, BEFORE, FAINT, HELD_OUT, INK, millimetres, svg_of
 from cellctl.report.figures import fixed, percent
@@ -30,7 +32,10 @@ def compared_page(found: ComparedFits, title: str, sources: dict[str, str]) -> s
         nominal=_texts(found.nominal),
         rows=[_row(each) for each in found.models],
         folds=folds,
-        errors=_errors(found),
+        errors=error_curves(
+            found.results[0].nominal_errors,
+            [(each.choice, result.test_errors) for each, result in zip(found.models, found.results, strict=True)],
+        ),
         by_fold=_by_fold(found) if folds > 1 else "",
         coverage=_coverage(found),
         version=__version__,
@@ -57,25 +62,21 @@ def _row(each: Any) -> dict[str, Any]:
     }
 
 
-def _errors(found: ComparedFits) -> str:
-    """Share of the held-out rows whose error is at most so large."""
+def error_curves(nominal: Floats, errors: Sequence[tuple[str, Floats]]) -> str:
+    """Share of the held-out rows whose error (N,), mm, is at most so large: nominal's, and each model's by its name."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        curves = [("nominal", found.results[0].nominal_errors, FAINT)]
-        curves += [
-            (each.choice, result.test_errors, _COLOURS[place % len(_COLOURS)])
-            for place, (each, result) in enumerate(zip(found.models, found.results, strict=True))
-        ]
-        for name, errors, colour in curves:
-            share = (np.arange(len(errors)) + 1.0) / len(errors)
-            axes.plot(np.sort(errors), 100.0 * share, color=colour, linewidth=1.3, label=name)
+        colours = (FAINT, *(_COLOURS[place % len(_COLOURS)] for place in range(len(errors))))
+        for (name, values), colour in zip([("nominal", nominal), *errors], colours, strict=True):
+            share = (np.arange(len(values)) + 1.0) / len(values)
+            axes.plot(np.sort(values), 100.0 * share, color=colour, linewidth=1.3, label=name)
         axes.set_xscale("log")
         millimetres(axes, "x")
         axes.set(xlabel="error, mm", ylabel="share of the held-out rows, %", ylim=(0, 100))
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
-    return svg_of(draw, "errors", 2.8, "Share of held-out rows over their error, for each model")
+    return svg_of(draw, "model-errors", 2.8, "Share of held-out rows over their error, for each model")
 
 
 def _by_fold(found: ComparedFits) -> str:
