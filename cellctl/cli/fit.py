@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cellctl.calibration.verdict.comparison import ComparedFits, interval
 from cellctl.cli import arguments
 from cellctl.cli.arguments import Unwritten, refuse_json_on_stdout, refuse_outputs, shown_name, to_stdout, write_json
 from cellctl.cli.exit_codes import SHOWN, Exit
 from cellctl.cli.fit_progress import shown_progress
-from cellctl.files import write_atomically
+from cellctl.files import InputError, write_atomically
 from cellctl.formats import DataSet, ModelFile
-from cellctl.operations.fit_options import Asked, Judging
+from cellctl.operations.comparing_fits import compare_fits
+from cellctl.operations.fit_options import Asked, Judging, option
 from cellctl.operations.fitting import FitInput, fit_rows
 from cellctl.operations.predicting import predict_rows
 
@@ -29,6 +32,7 @@ _COMPARED = {
     "test": "identified",
 }
 _WIDTH = 80
+_WIDE = 120
 _CAUSES = 5
 _LETTERS = 160
 
@@ -78,8 +82,9 @@ def _cells(figures: dict[str, float]) -> list[str]:
 def _model(report: dict[str, Any]) -> Iterator[str]:
     seen = f"{report['rank']} of {report['n_parameters']} parameter combinations are observable"
     yield f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out."
-    sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
-    yield f"Predicted over {report['predicted_over']}: {sure}."
+    if report["predicted_volumetric_rms"] is not None:
+        sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
+        yield f"Predicted over {report['predicted_over']}: {sure}."
     if report["prior"] and not report["informed"]:
         yield "The measured region is still that of the prior model: these rows determined places, not the robot."
     if not report["converged"]:
@@ -134,6 +139,27 @@ def _mastering(report: dict[str, Any]) -> Iterator[str]:
         yield f"  {row['joint']}  {row['offset_deg']:+.4f}°  (1 σ {row['sigma_deg']:.4f}°)"
 
 
+def show_compared(found: ComparedFits) -> None:
+    """The models as a table, and which of them leaves the least as the last line."""
+    from rich.console import Console  # only for people: 0.1 s
+    from rich.table import Table  # only for people: 0.1 s
+
+    table = Table("held-out distances, mm", box=None, pad_edge=False)
+    for column in ("mean", "RMS", "max", "in 95 %", "σ stated/found", "mean less than first, 95 %", "s"):
+        table.add_column(column, justify="right")
+    table.add_row("nominal", *_cells(asdict(found.nominal)), *[""] * 4)
+    for each in found.models:
+        less = interval(each.less) if each.less else ""
+        sigma = ["none", ""]
+        if each.coverage_95 is not None and each.stated_over_found is not None:
+            sigma = [f"{100.0 * each.coverage_95:.0f} %", f"{each.stated_over_found:.2f}"]
+        table.add_row(each.choice, *_cells(asdict(each.test)), *sigma, less, f"{each.seconds:.1f}")
+    console = Console(highlight=False, soft_wrap=True)
+    console.width = max(console.width, _WIDE)
+    console.print(table)
+    console.print(found.sentence, markup=False)
+
+
 def fit(
     robot: arguments.Robot,
     data: Annotated[Path, typer.Argument(help="Data set, CSV (docs/reference/data-sets.md).")],
@@ -141,8 +167,16 @@ def fit(
         str | None, typer.Option(help="Use rows of one kind: position|pose|sphere|plane|socket|distance. Default: all.")
     ] = None,
     model: Annotated[
-        str, typer.Option(help="auto, registration, geometry or zeros, and effects: geometry+compliance+backlash.")
+        str,
+        typer.Option(
+            help="auto, registration, geometry, poe or zeros; with effects: geometry+compliance+backlash; with error "
+            "maps: geometry+kriging."
+        ),
     ] = "auto",
+    compare: Annotated[
+        list[str] | None,
+        typer.Option(help="Fit auto and this model on the same rows (may be repeated; usual: some others)."),
+    ] = None,
     artefact: Annotated[
         Path | None, typer.Option(help="File with spheres, sockets, certified distances; a cell file is one.")
     ] = None,
@@ -179,12 +213,19 @@ def fit(
     Same robot, instrument moved: cellctl fit robot.yaml ten.csv --prior model.json --out moved.json
 
     After a crash: cellctl fit robot.yaml ten.csv --prior model.json --free zeros --out model2.json
+
+    Several models: cellctl fit ur10 ur10.csv --compare usual --report compared.html
     """
     began = time.perf_counter()
     judging = Judging(holdout, folds, column, by, seed)
     asked = Asked(measure, model, artefact, distances, spacing or (), own, prior, free)
     asked.refuse(judging)
     refuse_outputs({"--out": out, "--report": page, "--json": json_}, [robot, data, artefact, prior])
+    if compare:
+        _compare(
+            FitInput.load(robot, data, asked), asked, judging, compare, check=check, out=out, page=page, json_=json_
+        )
+        return
 
     found = fit_rows(FitInput.load(robot, data, asked), asked, judging, shown_progress, check=check)
     report, unwritten = found.report, Unwritten()
@@ -202,6 +243,37 @@ def fit(
     unwritten.refuse()
     if report["verdict"] != "better":
         raise typer.Exit(Exit.NOT_BETTER)
+
+
+def _compare(
+    given: FitInput,
+    asked: Asked,
+    judging: Judging,
+    models: Sequence[str],
+    *,
+    check: bool,
+    out: Path | None,
+    page: Path | None,
+    json_: str | None,
+) -> None:
+    problems = [option("out", "a comparison writes no model", "fit the one that you choose")] if out else []
+    if asked.model != "auto" or asked.prior or asked.free:
+        cure = "name the models by --compare alone"
+        problems.append(option("compare", "does not go with --model, --prior or --free", cure))
+    if problems:
+        raise InputError(problems)
+    found, unwritten = compare_fits(given, asked, judging, models, shown_progress, check=check), Unwritten()
+    if page:
+        from cellctl.report.compared_fits import compared_page  # here: matplotlib takes a second
+
+        sources = {"robot file": Path(given.document.file).name, "data set": Path(given.data.file).name}
+        with unwritten.noted():
+            write_atomically(page, compared_page(found, given.robot.name, sources))
+    with unwritten.noted():
+        write_json({**found.figures(), "sentence": found.sentence}, json_)
+    if json_ != "-":
+        show_compared(found)
+    unwritten.refuse()
 
 
 def predict(

@@ -12,10 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Self, TypeAlias, final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.spatial.distance import cdist, pdist
 
 from cellctl.error_maps.samples import Scale, checked
@@ -30,10 +31,16 @@ _REFINEMENTS = 2
 """As many ranges again between the neighbours of the best; after two the range is within 0.01 %."""
 
 
+GAUSSIAN, EXPONENTIAL = 2.0, 1.0
+"""Powers of the distance in a semivariogram. The paper's is Gaussian: errors are smooth everywhere. Exponential: they
+have a kink at each sample, as where something in them changes within a few degrees."""
+
+
 @final
 @dataclass(frozen=True, slots=True)
-class GaussianSemivariogram:
-    """γ(h) = nugget + sill · (1 − exp(−3 h² / range²)); rms: of the bins about it.
+class SemivariogramModel:
+    """γ(h) = nugget + sill · (1 − exp(−3 (h / range)^power)); rms: of the bins about it. power: 2, Gaussian; 1,
+    exponential.
 
     nugget is the semivariance at distance 0, nugget + sill that of unrelated points; range: the distance at which 95 %
     of the sill is reached, NaN where there is no sill.
@@ -43,10 +50,11 @@ class GaussianSemivariogram:
     sill: float
     range: float
     rms: float
+    power: float = GAUSSIAN
 
     def at(self, h: Floats) -> Floats:
         """γ at distances h (…)."""
-        rise = self.sill * _shape(h, self.range) if self.sill > 0.0 else np.zeros(np.shape(h))
+        rise = self.sill * _shape(h, self.range, self.power) if self.sill > 0.0 else np.zeros(np.shape(h))
         return np.asarray(self.nugget + rise)
 
 
@@ -60,14 +68,16 @@ class EmpiricalSemivariogram:
     centre: Floats
     gamma: Floats
     pairs: Floats
-    model: GaussianSemivariogram | None
+    model: SemivariogramModel | None
 
 
-def semivariogram(distances: Floats, values: Floats, kept: Floats | None = None) -> EmpiricalSemivariogram:
+def semivariogram(
+    distances: Floats, values: Floats, kept: Floats | None = None, power: float = GAUSSIAN
+) -> EmpiricalSemivariogram:
     """γ(h) = Σ (e_i − e_j)² / (2 N) over the N pairs of each bin.
 
     distances (N(N−1)/2,): of each pair, in the order of `scipy.spatial.distance.pdist`; values (N,): one component of
-    the errors. kept: mask of the pairs used; None: all.
+    the errors. kept: mask of the pairs used; None: all. power: of the model.
     """
     squares = pdist(values[:, None], "sqeuclidean") / 2.0
     if kept is not None:
@@ -81,10 +91,10 @@ def semivariogram(distances: Floats, values: Floats, kept: Floats | None = None)
     total = np.bincount(which, squares, BINS)
     gamma = np.divide(total, pairs, out=np.full(BINS, np.nan), where=pairs > 0)
     centre = low + (np.arange(BINS) + 0.5) * (high - low) / BINS
-    return EmpiricalSemivariogram(centre, gamma, pairs, fit_gaussian(centre, gamma))
+    return EmpiricalSemivariogram(centre, gamma, pairs, fitted_model(centre, gamma, power))
 
 
-def fit_gaussian(centre: Floats, gamma: Floats) -> GaussianSemivariogram | None:
+def fitted_model(centre: Floats, gamma: Floats, power: float = GAUSSIAN) -> SemivariogramModel | None:
     """Least squares over those of equal bins that have pairs, all with one weight; nugget and sill are not negative.
 
     For a given range both have a closed form. So only the range is searched: over `RANGES`, then about the best. None
@@ -97,17 +107,17 @@ def fit_gaussian(centre: Floats, gamma: Floats) -> GaussianSemivariogram | None:
     greatest = centre[-1] + 0.5 * (centre[-1] - centre[-2])
     ranges = RANGES * float(greatest)
     for _ in range(_REFINEMENTS):
-        best = int(np.argmin(_lines(h, found, ranges)[2]))
+        best = int(np.argmin(_lines(h, found, ranges, power)[2]))
         ranges = np.geomspace(ranges[max(best - 1, 0)], ranges[min(best + 1, len(ranges) - 1)], len(ranges))
-    nuggets, sills, squares = _lines(h, found, ranges)
+    nuggets, sills, squares = _lines(h, found, ranges, power)
     best = int(np.argmin(squares))
     length = float(ranges[best]) if sills[best] > 0.0 else float("nan")
-    return GaussianSemivariogram(float(nuggets[best]), float(sills[best]), length, float(squares[best] ** 0.5))
+    return SemivariogramModel(float(nuggets[best]), float(sills[best]), length, float(squares[best] ** 0.5), power)
 
 
-def _lines(h: Floats, gamma: Floats, ranges: Floats) -> tuple[Floats, Floats, Floats]:
+def _lines(h: Floats, gamma: Floats, ranges: Floats, power: float) -> tuple[Floats, Floats, Floats]:
     """Nugget, sill, neither negative, and mean square left (M,), by least squares with each of the ranges (M,)."""
-    shape = _shape(h, ranges[:, None])
+    shape = _shape(h, ranges[:, None], power)
     away = shape - shape.mean(axis=1, keepdims=True)
     sill = np.maximum(away @ (gamma - gamma.mean()) / np.maximum(np.sum(away**2, axis=1), 1e-300), 0.0)
     nugget = gamma.mean() - sill * shape.mean(axis=1)
@@ -116,8 +126,8 @@ def _lines(h: Floats, gamma: Floats, ranges: Floats) -> tuple[Floats, Floats, Fl
     return nugget, sill, np.mean((nugget[:, None] + sill[:, None] * shape - gamma) ** 2, axis=1)
 
 
-def _shape(h: Floats, length: Floats | float) -> Floats:
-    return np.asarray(1.0 - np.exp(-3.0 * (h / length) ** 2))
+def _shape(h: Floats, length: Floats | float, power: float) -> Floats:
+    return np.asarray(1.0 - np.exp(-3.0 * (h / length) ** power))
 
 
 REGULARISATION = 1e-3
@@ -141,11 +151,12 @@ INITIAL_WEIGHTS = np.array(
 @dataclass(frozen=True, eq=False)
 class Kriging:
     """The method. joint_weights (3, n): a weight of each joint, for the error along each axis; none given: all 1, the
-    isotropic map. regularisation: λ.
+    isotropic map. regularisation: λ. power: of the semivariogram.
     """
 
     joint_weights: Floats | None = None
     regularisation: float = REGULARISATION
+    power: float = GAUSSIAN
 
     def fit(self, q: Floats, errors: Floats) -> KrigingMap:
         """The map of errors (N, 3), mm, actual − nominal, at model angles q (N, n), rad.
@@ -160,7 +171,7 @@ class Kriging:
         joints, scale = Scale.of(q), Scale.of(errors)
         standard, of_errors = joints.standardised(q), scale.standardised(errors)
         axes = [
-            AxisMap.of(standard * own, error, self.regularisation)
+            AxisMap.of(standard * own, error, self.regularisation, self.power)
             for own, error in zip(weights, of_errors.T, strict=True)
         ]
         return KrigingMap(joints, scale, weights, (axes[0], axes[1], axes[2]))
@@ -170,25 +181,41 @@ class Kriging:
 @dataclass(frozen=True, eq=False)
 class AxisMap:
     """The map of one standardised component. points (N, n): weighted standardised angles; semivariogram of their
-    errors; range: C_r, of its model; pull (N,): (C + λI)⁻¹ e.
+    errors, None in a map that was stored; range: C_r, of its model; regularisation: λ; power: of the
+    distance; pull (N,): (C + λI)⁻¹ e.
     """
 
     points: Floats
-    semivariogram: EmpiricalSemivariogram
+    semivariogram: EmpiricalSemivariogram | None
     range: float
+    regularisation: float
+    power: float
     pull: Floats = field(repr=False)
 
     @classmethod
-    def of(cls, points: Floats, error: Floats, regularisation: float) -> Self:
+    def of(cls, points: Floats, error: Floats, regularisation: float, power: float = GAUSSIAN) -> Self:
         """From weighted standardised angles (N, n) and standardised errors (N,)."""
-        found = semivariogram(pdist(points), error)
+        found = semivariogram(pdist(points), error, power=power)
         reach = found.model.range if found.model and found.model.sill > 0.0 else UNRELATED
-        square = _covariance(points, points, reach) + regularisation * np.eye(len(points))
-        return cls(points, found, reach, cho_solve(cho_factor(square, lower=True), error))
+        root = _root(points, reach, regularisation, power)
+        return cls(points, found, reach, regularisation, power, cho_solve((root, True), error))
 
     def predicted(self, points: Floats) -> Floats:
         """wᵀe (M,) with w = (C + λI)⁻¹ c at weighted standardised angles (M, n)."""
-        return np.asarray(_covariance(points, self.points, self.range) @ self.pull)
+        return np.asarray(_covariance(points, self.points, self.range, self.power) @ self.pull)
+
+    def variance(self, points: Floats) -> Floats:
+        """1 − cᵀ(C + λI)⁻¹c (M,) of `predicted`, in units of the errors' variance: about λ at a sample, 1 far away.
+
+        Of simple kriging (mean known, 0 after standardising): Rasmussen and Williams 2006, equation 2.26.
+        """
+        covariance = _covariance(points, self.points, self.range, self.power)
+        known = solve_triangular(self._root, covariance.T, lower=True, check_finite=False)
+        return np.asarray(np.maximum(1.0 - np.sum(known**2, axis=0), 0.0))
+
+    @cached_property
+    def _root(self) -> Floats:
+        return _root(self.points, self.range, self.regularisation, self.power)
 
 
 @final
@@ -207,10 +234,24 @@ class KrigingMap:
         own = [axis.predicted(standard * weights) for axis, weights in zip(self.axes, self.joint_weights, strict=True)]
         return self.scale.restored(np.stack(own, axis=-1))
 
+    def variance(self, q: Floats) -> Floats:
+        """Kriging variance (N, 3), mm², of `errors` at model angles q (N, n), rad, before any calibration."""
+        standard = self.joints.standardised(np.asarray(q, float))
+        own = [axis.variance(standard * weights) for axis, weights in zip(self.axes, self.joint_weights, strict=True)]
+        return np.asarray(self.scale.deviation**2 * np.stack(own, axis=-1))
 
-def _covariance(a: Floats, b: Floats, reach: float) -> Floats:
-    """C (A, B) = exp(−3‖a − b‖²/C_r²): σ² is 1 after standardising."""
-    return np.asarray(np.exp(-3.0 * cdist(a, b, "sqeuclidean") / reach**2))
+
+def _root(points: Floats, reach: float, regularisation: float, power: float) -> Floats:
+    """Lower Cholesky factor (N, N) of C + λI."""
+    return np.asarray(
+        cholesky(_covariance(points, points, reach, power) + regularisation * np.eye(len(points)), lower=True)
+    )
+
+
+def _covariance(a: Floats, b: Floats, reach: float, power: float) -> Floats:
+    """C (A, B) = exp(−3 (‖a − b‖/C_r)^power): σ² is 1 after standardising."""
+    squares = cdist(a, b, "sqeuclidean") / reach**2
+    return np.asarray(np.exp(-3.0 * (squares if power == GAUSSIAN else squares ** (0.5 * power))))
 
 
 Error: TypeAlias = Callable[[Floats], float]
@@ -246,7 +287,13 @@ class ParticleFilter:
         return cls(INITIAL_WEIGHTS)
 
     def weights(
-        self, q: Floats, errors: Floats, q_test: Floats, errors_test: Floats, regularisation: float = REGULARISATION
+        self,
+        q: Floats,
+        errors: Floats,
+        q_test: Floats,
+        errors_test: Floats,
+        regularisation: float = REGULARISATION,
+        power: float = GAUSSIAN,
     ) -> Floats:
         """The weights (3, n) with the least mean error on the test set, for `Kriging(weights)`.
 
@@ -265,7 +312,7 @@ class ParticleFilter:
             rng = np.random.default_rng([self.seed, axis])
 
             def error(weights: Floats, axis: int = axis) -> float:
-                made = AxisMap.of(own * weights, of_own[:, axis], regularisation)
+                made = AxisMap.of(own * weights, of_own[:, axis], regularisation, power)
                 away = made.predicted(test * weights) - of_test[:, axis]
                 return float(scale.deviation[axis] * np.mean(np.abs(away)))
 

@@ -1,4 +1,4 @@
-"""A multilayer perceptron with one hidden layer, trained by back-propagation with scikit-learn."""
+"""A multilayer perceptron, trained by back-propagation with scikit-learn."""
 
 from __future__ import annotations
 
@@ -29,32 +29,35 @@ class LibraryMissing(ImportError):
 @final
 @dataclass(frozen=True, eq=False)
 class PerceptronMap:
-    """A trained perceptron: weights (k, h), (h, m) and offsets (h,), (m,) between standardised inputs and outputs."""
+    """A trained perceptron: weights (k, h), …, (h, m) and offsets (h,), …, (m,) from one layer to the next, between
+    standardised inputs and outputs.
+    """
 
     inputs: Scale
     outputs: Scale
-    weights: tuple[Floats, Floats]
-    offsets: tuple[Floats, Floats]
+    weights: tuple[Floats, ...]
+    offsets: tuple[Floats, ...]
 
     def errors(self, inputs: ArrayLike) -> Floats:
         """Errors (N, m) at inputs (N, k), in the units of the samples."""
         at = self.inputs.standardised(np.atleast_2d(np.asarray(inputs, float)))
-        hidden = np.tanh(at @ self.weights[0] + self.offsets[0])
-        return self.outputs.restored(hidden @ self.weights[1] + self.offsets[1])
+        for weights, offsets in zip(self.weights[:-1], self.offsets[:-1], strict=True):
+            at = np.tanh(at @ weights + offsets)
+        return self.outputs.restored(at @ self.weights[-1] + self.offsets[-1])
 
 
 @final
 @dataclass(frozen=True)
 class Perceptron(Method):
-    """One hidden layer of tanh units, linear outputs; inputs and outputs are standardised.
+    """Hidden layers of tanh units, linear outputs; inputs and outputs are standardised.
 
-    hidden: units. alpha: penalty of the squared weights (scikit-learn's). seed: of the initial weights. Training
-    minimises the squared error over all samples by L-BFGS with the gradients of back-propagation (MLPRegressor of
-    scikit-learn: the extra `baselines`, decision 33). The same samples and seed give the same map. A map needs no
-    scikit-learn to predict.
+    hidden: units of the one hidden layer, or of each. alpha: penalty of the squared weights (scikit-learn's). seed: of
+    the initial weights. Training minimises the squared error over all samples by L-BFGS with the gradients of
+    back-propagation (MLPRegressor of scikit-learn: the extra `baselines`, decision 33). The same samples and seed give
+    the same map. A map needs no scikit-learn to predict.
     """
 
-    hidden: int = 16
+    hidden: int | tuple[int, ...] = 16
     alpha: float = 1e-1
     seed: int = 0
 
@@ -65,9 +68,9 @@ class Perceptron(Method):
         return PerceptronMap(of_inputs, of_outputs, tuple(trained.coefs_), tuple(trained.intercepts_))
 
     def _trained(self, inputs: Floats, outputs: Floats) -> Any:
-        network, unfinished = _library()
+        network, unfinished = require_library()
         made = network(
-            hidden_layer_sizes=(self.hidden,),
+            hidden_layer_sizes=self.hidden,
             activation="tanh",
             solver="lbfgs",
             alpha=self.alpha,
@@ -80,7 +83,7 @@ class Perceptron(Method):
 
 
 def tuned_perceptron(
-    *, hidden: Sequence[int] = HIDDEN, alphas: Sequence[float] = ALPHAS, seed: int = 0
+    *, hidden: Sequence[int | tuple[int, ...]] = HIDDEN, alphas: Sequence[float] = ALPHAS, seed: int = 0
 ) -> Tuned[Perceptron]:
     """Number of hidden units and penalty by cross-validation.
 
@@ -90,7 +93,8 @@ def tuned_perceptron(
     return Tuned([Perceptron(units, alpha, seed) for units in hidden for alpha in alphas], seed=seed)
 
 
-def _library() -> tuple[Any, type[Warning]]:
+def require_library() -> tuple[Any, type[Warning]]:
+    """scikit-learn's perceptron and its warning. Raises LibraryMissing, with the command that installs it."""
     try:
         from sklearn.exceptions import ConvergenceWarning  # an extra: it may be missing
         from sklearn.neural_network import MLPRegressor  # an extra: it may be missing

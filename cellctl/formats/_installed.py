@@ -11,11 +11,14 @@ import logging
 from cellctl.calibration import Effect
 from cellctl.calibration.effects import add_kind
 from cellctl.compensation import METHODS, Method
+from cellctl.error_maps.terms import TERMS
 from cellctl.installed import contributions, named_contributions
 
 
 def add_installed() -> None:
-    """Add them to those of cellctl; call it once."""
+    """Add the error maps, then those of other packages, to cellctl's effects; call it once."""
+    for term in TERMS:
+        add_kind(term)
     broken: list[str] = []
     for label, kind in contributions("cellctl.effects", type, "effect", broken):
         try:

@@ -97,6 +97,14 @@ def robot_text(robot: RobotDescription, convention: Convention, source: str) -> 
     return text
 
 
+def in_poe(robot: RobotFile) -> RobotFile:
+    """The same robot with its joints' axes in place of a link table. Raises InputError where a limit is missing."""
+    if robot.convention == "poe":
+        return robot
+    text = robot_text(RobotDescription.of(robot), "poe", robot.name)
+    return RobotFile.from_document(parse_yaml(text, f"{robot.name} as poe"))
+
+
 def number(value: float, decimals: int) -> str:
     """A number as a person would write it: no trailing `.0`, no `-0`, no exponent, which YAML 1.1 reads as text."""
     rounded = round(value, decimals) + 0.0

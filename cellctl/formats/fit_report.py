@@ -151,7 +151,10 @@ def sentence(measured: Measurements, result: FitResult) -> str:
 
 def _besides(measured: Measurements, result: FitResult) -> list[str]:
     kind, noise = measured.noun, float(result.identification.noise.max())
-    sentences = [f"1 σ over {result.predicted_over}: {result.predicted_volumetric_rms:.3f} mm"]
+    if np.isnan(result.predicted_volumetric_rms):
+        sentences = ["σ: none, as this model states none"]
+    else:
+        sentences = [f"1 σ over {result.predicted_over}: {result.predicted_volumetric_rms:.3f} mm"]
     if result.sigma_ok is False:
         sentences.append(f"Do not rely on σ: {result.sigma_reason}")
     if result.placing and result.placing.moved:

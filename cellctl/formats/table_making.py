@@ -115,10 +115,11 @@ def sigma_among_rows(model: ModelFile, rows: list[Row]) -> float | None:
 
 def _target_sigma(model: ModelFile, readings: Floats, errors: PredictedErrors | None) -> Floats | None:
     """1 σ (N,), 3-D, mm, of the TCP predicted at controller readings (N, n), deg: the model's, in the frame of what was
-    touched for a model from touches, as targets are built on its points; or that of `errors`, None without one.
+    touched for a model from touches, as targets are built on its points; or that of `errors`. None where there is none.
     """
     if errors is None:
-        return model.sigma(readings, frame="points")
+        sigma = model.sigma(readings, frame="points")
+        return None if np.isnan(sigma).any() else sigma
     return errors.sigma(model.robot.joint_map().model(readings)) if isinstance(errors, MappedErrors) else None
 
 

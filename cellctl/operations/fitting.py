@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeAlias, final
+from typing import Any, Self, TypeAlias, final
 
 import numpy as np
 
@@ -31,9 +31,8 @@ from cellctl.operations.fit_options import Asked, Judging, option
 from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 from cellctl.report.fit import FitStory
 
-if TYPE_CHECKING:
-    Shown: TypeAlias = Callable[[str], AbstractContextManager[Progress]]
-
+Shown: TypeAlias = Callable[[str], AbstractContextManager[Progress]]
+"""Makes the progress report of a part of the work, by its name."""
 
 DEFAULT_FOLDS = 5
 MOST_LABELS = 100
@@ -169,7 +168,7 @@ class Fitted:
     def model(self) -> ModelFile:
         """The model file."""
         given = self.given
-        return ModelFile.of(given.robot, self.measured, self.result, given.hashes, given.prior)
+        return ModelFile.of(self.measured.robot, self.measured, self.result, given.hashes, given.prior)
 
     def page(self, robot: str, data: str) -> str:
         """The report as an HTML page; `robot`, `data`: names of these files on it."""
@@ -188,7 +187,7 @@ def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | Non
     measured = measured_rows(given, asked)
     refuse_alike(measured)
     split, labels = split_of(measured, judging)
-    progress = shown or _silently
+    progress = shown or silently
     if check and not asked.free_groups:  # free parameters may deviate as much as an error would
         files = SetupFiles(given.document, Path(given.data.file), asked.artefact)
         with progress("check") as told:
@@ -204,7 +203,8 @@ def robot_of(path: Path) -> tuple[Document, RobotFile]:
     return document, RobotFile.from_document(document)
 
 
-def _silently(_: str) -> AbstractContextManager[Progress]:
+def silently(_: str) -> AbstractContextManager[Progress]:
+    """No progress report."""
     return nullcontext(silent)
 
 

@@ -22,9 +22,9 @@ FRAMES: tuple[Frame, ...] = ("base", "points")
 class Predicted:
     """Predicted TCPs at N readings.
 
-    readings (N, n), deg. poses (N, 4, 4), mm, in the model's frame. sigma_mm (N,): 1 σ, 3-D;
-    sigma_among_mm (N,): of the TCPs relative to each other, None for fewer than four. inside (N,): within the measured
-    region. assumed: conditions that the model needs and the rows do not state, one sentence each.
+    readings (N, n), deg. poses (N, 4, 4), mm, in the model's frame. sigma_mm (N,): 1 σ, 3-D, NaN of a model that
+    states none; sigma_among_mm (N,): of the TCPs relative to each other, None for fewer than four. inside (N,): within
+    the measured region. assumed: conditions that the model needs and the rows do not state, one sentence each.
     """
 
     readings: Floats
@@ -37,13 +37,13 @@ class Predicted:
     def records(self) -> list[dict[str, Any]]:
         """The rows of `cellctl predict`: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen."""
         turns = abc_from_rotation(self.poses[:, :3, :3])
-        values = np.column_stack([self.readings, self.poses[:, :3, 3], turns, self.sigma_mm])
+        values = np.column_stack([self.readings, self.poses[:, :3, 3], turns])
         joints = (f"A{number}" for number in range(1, self.readings.shape[1] + 1))
-        names = [*joints, "X", "Y", "Z", "A", "B", "C", "sigma"]
-        among = _cells(self.sigma_among_mm, len(values))
+        names = [*joints, "X", "Y", "Z", "A", "B", "C"]
+        sigma, among = _cells(self.sigma_mm, len(values)), _cells(self.sigma_among_mm, len(values))
         return [
-            {**dict(zip(names, row, strict=True)), "sigma_among": own, "seen": int(inside)}
-            for row, own, inside in zip(np.round(values, 9).tolist(), among, self.inside, strict=True)
+            {**dict(zip(names, row, strict=True)), "sigma": of_row, "sigma_among": own, "seen": int(inside)}
+            for row, of_row, own, inside in zip(np.round(values, 9).tolist(), sigma, among, self.inside, strict=True)
         ]
 
     def text(self) -> str:
@@ -92,4 +92,6 @@ def _assumed(model: ModelFile, at: Postures) -> tuple[str, ...]:
 
 
 def _cells(sigma: Floats | None, rows: int) -> list[float | None]:
-    return [None] * rows if sigma is None else [round(float(value), 9) for value in sigma]
+    if sigma is None:
+        return [None] * rows
+    return [None if np.isnan(value) else round(float(value), 9) for value in sigma]

@@ -46,7 +46,7 @@ def similarity_page(found: Similarity, report: dict[str, Any], title: str, sourc
         scatter=_scatter(found),
         overall=_overall(found),
         models=[_model_line(name, each) for name, each in found.overall.items()],
-        joints=_by_joint(found, joints),
+        joints=by_joint(found, joints),
         permutations=report["correlation"]["3-D"]["Dq"]["permutations"],
         version=__version__,
     )
@@ -114,7 +114,7 @@ def _overall(found: Similarity) -> str:
     return svg_of(draw, "overall", 2.6, "Semivariogram of each component of the error over the distance of the joints")
 
 
-def _by_joint(found: Similarity, joints: Sequence[int]) -> str:
+def by_joint(found: Similarity, joints: Sequence[int]) -> str:
     """A panel for each component and joint: all pairs, and those that are near in the other joints."""
 
     def draw(figure: Figure) -> None:

@@ -129,8 +129,8 @@ def test_far_from_the_rows_its_whole_size_is_open():
     q, errors = some()
     field = field_over(q).fitted_to(left_by(errors, q))
     size = np.mean(np.square(field.expected))
-    assert field.variance(Postures(np.full((1, 4), 1e3)))[0] == pytest.approx(size)
-    assert field.variance(Postures(q)).mean() < 0.02 * size
+    assert field.variance(ROBOT.chain(), Postures(np.full((1, 4), 1e3)))[0] == pytest.approx(size)
+    assert field.variance(ROBOT.chain(), Postures(q)).mean() < 0.02 * size
 
 
 @pytest.mark.parametrize(

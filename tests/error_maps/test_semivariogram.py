@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.distance import pdist
 
-from cellctl.error_maps.kriging import RANGES, fit_gaussian, semivariogram
+from cellctl.error_maps.kriging import RANGES, fitted_model, semivariogram
 
 RNG = np.random.default_rng(3)
 CENTRE = np.linspace(0.1, 4.0, 20)
@@ -35,7 +35,7 @@ def test_a_semivariogram_is_the_mean_of_half_the_squares_in_each_of_twenty_bins(
 @pytest.mark.parametrize(("nugget", "sill", "length"), [(0.1, 0.9, 1.5), (0.0, 1.2, 3.0), (0.5, 0.5, 0.8)])
 def test_the_gaussian_model_is_found_from_its_own_semivariogram(nugget, sill, length):
     gamma = gaussian(CENTRE, nugget, sill, length)
-    found = fit_gaussian(CENTRE, gamma)
+    found = fitted_model(CENTRE, gamma)
     assert (found.nugget, found.sill, found.range) == pytest.approx((nugget, sill, length), abs=2e-3)
     assert found.rms < 1e-4
     assert found.at(CENTRE) == pytest.approx(gamma, abs=1e-3)
@@ -55,7 +55,7 @@ def test_no_other_gaussian_model_has_a_smaller_sum_of_squares_over_the_bins_with
 
 
 def test_a_semivariogram_that_does_not_rise_has_no_sill_and_no_range():
-    found = fit_gaussian(CENTRE, np.linspace(1.2, 0.8, 20))
+    found = fitted_model(CENTRE, np.linspace(1.2, 0.8, 20))
     assert found.sill == 0.0
     assert np.isnan(found.range)
     assert found.at(np.array([1.0])) == pytest.approx(1.0)

@@ -54,7 +54,7 @@ def kinds() -> dict[Group, type[Effect]]:
 
 def functions() -> frozenset[Group]:
     """Groups whose amounts are the coefficients of a random function, not parameters on their own."""
-    return frozenset(group for group, kind in kinds().items() if issubclass(kind, ResidualModel))
+    return frozenset(group for group, kind in kinds().items() if issubclass(kind, ResidualModel) and not kind.is_map)
 
 
 def in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:

@@ -13,7 +13,9 @@ import numpy as np
 
 from cellctl.calibration.effects import ResidualModel, functions
 from cellctl.calibration.folds import judging, random_folds
+from cellctl.calibration.identification.learning import with_maps
 from cellctl.calibration.identification.outliers import OUTLIER_P, OUTLYING, find_inliers
+from cellctl.calibration.model.learnt_map import learnt_maps
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import PLACED, State, Unknowns
 from cellctl.calibration.prediction.predict import predict_rows
@@ -103,7 +105,8 @@ class Identification:
     noise: factor on the rows' standard deviations, for each of `RowBlocks.quantities`. used, outliers: indices into the
     task's rows that both estimates use, and that were left out. n_inconsistent: number of rows that were not inliers
     where these were too many to leave out; 0 otherwise. prior_scale: factor on the tolerances of each group where the
-    robot is further from nominal than they predict.
+    robot is further from nominal than they predict. without_maps: the same before error maps were learnt; None for a
+    model without maps.
     """
 
     nominal: Estimate
@@ -113,6 +116,7 @@ class Identification:
     outliers: tuple[int, ...]
     n_inconsistent: int = 0
     prior_scale: Mapping[Group, float] = field(default_factory=dict)
+    without_maps: Identification | None = None
 
 
 @final
@@ -175,6 +179,8 @@ def identify(
     than the tolerances, or the model is incomplete, the evidence of the rows sets noise, prior scales and a residual
     model; noise and tolerances never shrink. Rows that were outliers only because the model was incomplete are used
     again. known_inliers: which rows they are (`inliers_among`), weights: noise and prior scales, where known.
+    Error maps are learnt last, from the inliers; those of a prior model stay as they are. Raises ValueError for rows
+    that make no map.
     """
     chosen = np.arange(len(task.rows)) if fit is None else np.sort(np.arange(len(task.rows))[fit])
     rows = task.rows.pick(chosen)
@@ -197,7 +203,7 @@ def identify(
             break  # the better model does not explain these rows either
         kept, nominal, weighed = kept | back, wider_nominal, with_them
     there = {*weighed.found.unknowns.scaled_with, *weighed.found.unknowns.groups}
-    return Identification(
+    found = Identification(
         nominal=nominal,
         identified=weighed.found,
         noise=weighed.weights.noise,
@@ -206,6 +212,13 @@ def identify(
         outliers=tuple(chosen[~kept].tolist()),
         n_inconsistent=n_inconsistent,
     )
+    if task.prior is not None or not learnt_maps(task.model):
+        return found
+    inliers, noise = rows.pick(kept), found.noise.copy()
+    for block, _, own in inliers.parts():
+        if block.of_instrument:  # what the other terms left is in the maps' σ: its points are as precise as they state
+            noise[own] = np.where(block.of_length, 1.0, noise[own])
+    return replace(found, identified=with_maps(found.identified, inliers), noise=noise, without_maps=found)
 
 
 def _with_residual_model(

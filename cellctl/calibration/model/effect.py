@@ -164,6 +164,14 @@ class Effect(ABC):
         """Ψ (N, 3, K): mm of the TCP, in the robot's base frame, per unit; None where nothing shifts."""
         return None
 
+    def fixed_turns(self, nominal: SerialChain, at: Postures) -> Floats | None:
+        """Turn of each joint (N, n), rad, that no amount scales; None where there is none."""
+        return None
+
+    def fixed_shift(self, nominal: SerialChain, at: Postures) -> Floats | None:
+        """Shift of the TCP (N, 3), mm, in the robot's base frame, that no amount scales; None where there is none."""
+        return None
+
     def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
         """Add its amounts (K,) to the terms of the on-line kernel, or say what that leaves out.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Self, TypeAlias, final
 
@@ -45,6 +46,22 @@ class Postures:
         """The rows at an index array, slice or mask."""
         parts = (self.approach, self.delta_t, self.payload, self.payload_at, self.currents)
         return type(self)(self.q[which], *(None if part is None else part[which] for part in parts))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """All rows of `parts` (one or more); a condition that one of them lacks is left out."""
+        conditions = (
+            [part.approach for part in parts],
+            [part.delta_t for part in parts],
+            [part.payload for part in parts],
+            [part.payload_at for part in parts],
+            [part.currents for part in parts],
+        )
+        known: list[Floats | None] = []
+        for rows in conditions:
+            there = [row for row in rows if row is not None]
+            known.append(np.concatenate(there) if len(there) == len(rows) else None)
+        return cls(np.concatenate([part.q for part in parts]), *known)
 
     def __len__(self) -> int:
         return len(self.q)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Self, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -23,7 +23,7 @@ from scipy.linalg import solve_triangular
 from cellctl.calibration.folds import random_folds
 from cellctl.calibration.model.effect import Effect
 from cellctl.calibration.model.postures import Postures
-from cellctl.kinematics import Floats
+from cellctl.kinematics import Floats, SerialChain
 
 LENGTHS_RAD = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
 """Postures this far apart (root of the summed squares over the joints) share 60 % of the function: remainders of weight
@@ -156,9 +156,12 @@ class ResidualModel(Effect):
 
     __slots__ = ()
 
-    def variance(self, at: Postures) -> Floats:
+    is_map: ClassVar[bool] = False
+    """Whether it is learnt from what all other terms leave, after them (`LearntMap`)."""
+
+    def variance(self, nominal: SerialChain, at: Postures) -> Floats:
         """Variance of the function that the amounts leave open at each posture (N,): mm² of the TCP on each axis. Every
-        σ of a prediction includes it.
+        σ of a prediction includes it. NaN: it is not known, and no σ is stated.
         """
         return np.zeros(len(at))
 

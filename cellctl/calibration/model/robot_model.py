@@ -15,7 +15,7 @@ from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.residual_model import ResidualModel
 from cellctl.kinematics import Bools, Floats, SerialChain
 
-_EffectPart: TypeAlias = tuple[slice, Floats | OwnTurns | None, Floats | None]
+_EffectPart: TypeAlias = tuple[slice, Effect, Floats | OwnTurns | None, Floats | None]
 
 BLOCK = 2048
 """Postures per computation of the effects: harmonics have hundreds of amounts."""
@@ -73,7 +73,15 @@ class RobotModel:
     def open_variance(self, at: At) -> Floats:
         """Variance that its residual models leave open at each posture (N,): mm² of the TCP on each axis."""
         postures = Postures.of(at)
-        return np.asarray(sum((each.variance(postures) for each in self.residual_models), np.zeros(len(postures))))
+        return np.asarray(
+            sum((each.variance(self.nominal, postures) for each in self.residual_models), np.zeros(len(postures)))
+        )
+
+    def map_variance(self, at: At) -> Floats:
+        """The part of `open_variance` (N,) that its error maps leave; NaN: they state none."""
+        postures = Postures.of(at)
+        maps = [each for each in self.residual_models if each.is_map]
+        return np.asarray(sum((each.variance(self.nominal, postures) for each in maps), np.zeros(len(postures))))
 
     def outside(self, at: At) -> Floats:
         """How far each posture (N,) is outside the region of its residual models: 0 to 1, a share of variance."""
@@ -122,7 +130,7 @@ class RobotModel:
         columns, arms = self.chain.parameter_jacobian(q), self.chain.tool_jacobian(q)
         result = np.zeros((len(postures), 6, len(self.parameters)))
         result[..., : columns.shape[-1]] = columns
-        for place, turned, shifted in parts:
+        for place, _, turned, shifted in parts:
             mine = slice(columns.shape[-1] + place.start, columns.shape[-1] + place.stop)
             if turned is not None:
                 result[..., mine] = turned.columns(arms) if isinstance(turned, OwnTurns) else np.matmul(arms, turned)
@@ -139,7 +147,7 @@ class RobotModel:
         return self.amounts if self.amounts.size else np.zeros(count)
 
     @cached_property
-    def _nominal(self) -> SerialChain:
+    def nominal(self) -> SerialChain:
         """The chain of the table alone, in its own base frame; effects are computed on it."""
         bare = self.chain.with_parameters(np.zeros(len(self.chain.parameters)))
         return bare.with_base(np.eye(4))
@@ -156,27 +164,31 @@ class RobotModel:
         return result
 
     def _effect_parts(self, at: Postures) -> list[_EffectPart]:
-        """Each effect's amounts, its Φ and its Ψ (N, 3, K)."""
+        """Each effect's amounts, the effect, its Φ and its Ψ (N, 3, K)."""
         start, found = 0, []
         for effect in self.effects:
             place = slice(start, start := start + len(effect.parameters))
-            found.append((place, effect.turns(self._nominal, at), effect.shifts(self._nominal, at)))
+            found.append((place, effect, effect.turns(self.nominal, at), effect.shifts(self.nominal, at)))
         return found
 
     def _turned(self, at: Postures, parts: list[_EffectPart]) -> Floats:
         q = at.q
-        for place, turned, _ in parts:
+        for place, effect, turned, _ in parts:
             amounts = self._amounts[place]
             if turned is not None:
                 q = q + (turned.total(amounts, self.n) if isinstance(turned, OwnTurns) else turned @ amounts)
+            if (fixed := effect.fixed_turns(self.nominal, at)) is not None:
+                q = q + fixed
         return q
 
     def _shift(self, at: Postures, parts: list[_EffectPart]) -> Floats:
         """The TCP's shift (N, 3), mm, in the measuring frame."""
         total = np.zeros((len(at), 3))
-        for place, _, shifted in parts:
+        for place, effect, _, shifted in parts:
             if shifted is not None:
                 total = total + shifted @ self._amounts[place]
+            if (fixed := effect.fixed_shift(self.nominal, at)) is not None:
+                total = total + fixed
         return np.asarray(total @ self.chain.base_now[:3, :3].T)
 
 

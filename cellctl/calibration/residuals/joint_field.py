@@ -254,7 +254,7 @@ class JointField(ResidualModel):
             result[:, axis, :, axis] = basis.values(at.q / lengths)
         return result.reshape(len(at), 3, 3 * len(self.centres))
 
-    def variance(self, at: Postures) -> Floats:
+    def variance(self, nominal: SerialChain, at: Postures) -> Floats:
         """Variance that the centres leave at each posture (N,), mm², mean of the axes: far away all of it."""
         pairs = zip(self.expected, self.bases, self.lengths, strict=True)
         left = [size**2 * basis.remainder(at.q / lengths) for size, basis, lengths in pairs]

@@ -17,6 +17,7 @@ import numpy as np
 
 from cellctl.calibration.effects import EffectInputs, ResidualModel, functions, in_order, kinds
 from cellctl.calibration.folds import FIFTH, end_folds
+from cellctl.calibration.model.learnt_map import learnt_maps
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.unknowns import Unknowns
@@ -114,8 +115,10 @@ def without_functions(task: Task) -> Task:
 
 
 def may_join(task: Task) -> list[type[ResidualModel]]:
-    """Residual models that may be added: only if the robot's geometry is identified, without a prior model."""
-    if task.prior is not None or task.groups is not None:
+    """Residual models that may be added: only if the robot's geometry is identified, without a prior model, and there
+    is no error map to learn what it leaves.
+    """
+    if task.prior is not None or task.groups is not None or learnt_maps(task.model):
         return []
     there = {effect.group for effect in task.model.effects}
     of_evidence = [kind for kind in kinds().values() if kind.chosen == "by evidence" and kind.group not in there]

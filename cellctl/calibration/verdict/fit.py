@@ -13,6 +13,7 @@ from cellctl.calibration.identification.identify import Identification, certifie
 from cellctl.calibration.identification.ladder import Step, climb
 from cellctl.calibration.identification.moved import Placing, placing
 from cellctl.calibration.identification.progress import Progress, part_of, silent
+from cellctl.calibration.model.learnt_map import learnt_maps
 from cellctl.calibration.observability.other_postures import in_their_sockets
 from cellctl.calibration.observability.reasons import Rowed
 from cellctl.calibration.observability.unobservable import Observability, informed, observability
@@ -38,14 +39,16 @@ class FitResult:
 
     nominal, test, predicted_test_rms, coverage_95: held-out rows; fit: the rows of the fit. With no held-out rows
     nominal is that of the fit rows, and the verdict is `no better`: there is no proof. verdict_reason: the reason, in
-    words. sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: no row was held out), and why.
+    words. sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: no row was held out, or the model
+    states no σ), and why; without σ predicted errors and coverage are NaN.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, without common rigid motions: residuals
     on spheres cannot show it. It has the scatter of errors too fast for the model. at_postures: it is over the measured
     and held-out postures instead, because combinations of base and tool are unobservable (`placement`: at other
     orientations the tool would be wrong by up to their whole tolerance), or because the rows leave most of the joint
     ranges open (`gaps`). unpredicted: indices of held-out rows far beyond the model's
     prediction, unpredicted_mm: their errors, predicted_mm: 1 σ (3-D) predicted for each; they are included in the
-    figures. ladder: the models tried, if the task left the terms open.
+    figures. test_errors, test_p_values: of the held-out rows, mm, in the order of the split; a p-value is the
+    probability of an error at least as improbable. ladder: the models tried, if the task left the terms open.
 
     nominal_with_tool: of socket visits, nominal with its tool registered too: `nominal` has only the sockets' places
     fitted, and the verdict compares with this one. prior: a prior model, registered, on the rows of `nominal`; None
@@ -74,6 +77,7 @@ class FitResult:
     predicted_mm: tuple[float, ...]
     nominal_errors: Floats
     test_errors: Floats
+    test_p_values: Floats
     reliability: Reliability
     region: MeasuredRegion
     ladder: tuple[Step, ...] = ()
@@ -119,10 +123,10 @@ class FitResult:
             "informed": self.informed,
             "fit": asdict(self.fit),
             "test": asdict(self.test) if self.n_test else dict.fromkeys(asdict(self.test)),
-            "predicted_test_rms": self.predicted_test_rms if self.n_test else None,
-            "coverage_95": self.coverage_95 if self.n_test else None,
+            "predicted_test_rms": _stated(self.predicted_test_rms) if self.n_test else None,
+            "coverage_95": _stated(self.coverage_95) if self.n_test else None,
             "tails": self.reliability.tails,
-            "predicted_volumetric_rms": self.predicted_volumetric_rms,
+            "predicted_volumetric_rms": _stated(self.predicted_volumetric_rms),
             "scatter_mm": self.region.scatter_mm,
             "predicted_over": self.predicted_over,
             "verdict": self.verdict,
@@ -207,7 +211,7 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         fit=ErrorFigures.of(own.errors(final_one.identified.state)),
         test=ErrorFigures.of(held_out.identified),
         predicted_test_rms=held_out.predicted_rms,
-        coverage_95=float(held_out.inside.mean()) if held_out.inside.size else 0.0,
+        coverage_95=_coverage(held_out),
         predicted_volumetric_rms=_over(
             final_one.identified,
             np.concatenate([own.q, task.rows.pick(predicted).q]) if at_postures else ranges,
@@ -220,6 +224,7 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         **_unpredicted(split, held_out),
         nominal_errors=nominal,
         test_errors=held_out.identified,
+        test_p_values=held_out.p_value,
         ladder=whole.ladder,
         reliability=whole.reliability,
         region=region,
@@ -232,6 +237,18 @@ def fit(task: Task, split: Split, progress: Progress = silent) -> FitResult:
         informed=own_parameters,
         at_postures=at_postures,
     )
+
+
+def _coverage(held_out: HeldOut) -> float:
+    """Share of the held-out rows in their 95 % regions; 0 without rows, NaN without σ."""
+    if not held_out.states_sigma:
+        return float("nan")
+    return float(held_out.inside.mean()) if held_out.inside.size else 0.0
+
+
+def _stated(figure: float) -> float | None:
+    """None for a figure that needs a σ, of a model that states none."""
+    return None if np.isnan(figure) else figure
 
 
 def _baselines(task: Task, found: Identification, held_out: HeldOut, own: RowBlocks) -> tuple[Floats, Floats | None]:
@@ -297,5 +314,6 @@ def _model_name(found: Identification) -> str:
     free = {group for group, is_free in zip(unknowns.groups, unknowns.free, strict=True) if is_free}
     if free & {"links", "zeros"}:
         free = {"geometry" if group == "links" else group for group in free} - ({"zeros"} if "links" in free else set())
+    free |= {effect.group for effect in learnt_maps(found.identified.state.model)}
     terms = [term for term in ("geometry", "zeros", *kinds()) if term in free]
     return "+".join(terms) or "registration"

@@ -103,8 +103,13 @@ class HeldOut:
         return float(self.nominal.size if self.left is None else self.left.sum())
 
     @property
+    def states_sigma(self) -> bool:
+        """Whether the model states a σ of each row."""
+        return bool(np.isfinite(self.variance).all())
+
+    @property
     def predicted_rms(self) -> float:
-        """Predicted root mean square of the identified robot's distances, mm; 0 without rows."""
+        """Predicted root mean square of the identified robot's distances, mm; 0 without rows, NaN without σ."""
         return float(np.sqrt(self.variance.mean())) if self.variance.size else 0.0
 
     @property
@@ -122,7 +127,7 @@ class HeldOut:
 @dataclass(frozen=True, slots=True)
 class Judgement:
     """A verdict and its reason, in words that follow a colon or a semicolon; against: the baseline that decided it;
-    whether the stated σ can be trusted (None: no row was held out) and the reason.
+    whether the stated σ can be trusted (None: no row was held out, or no σ is stated) and the reason.
     """
 
     verdict: Verdict
@@ -178,6 +183,8 @@ def _compared(rows: HeldOut, baseline: Floats, doubts: Sequence[str]) -> tuple[V
 def _sigma_trusted(rows: HeldOut, doubts: Sequence[str]) -> tuple[bool | None, str]:
     if not rows.identified.size:
         return None, "no row was held out"
+    if not rows.states_sigma:
+        return None, "the model states no σ"
     if doubts:
         return False, "; ".join(doubts)
     found = ErrorFigures.of(rows.identified).rms

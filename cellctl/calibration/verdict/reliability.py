@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self, final
 
 import numpy as np
@@ -59,7 +59,15 @@ class Reliability:
 
     @classmethod
     def of(cls, task: Task, found: Identification) -> Self:
-        """From random folds, and from the ends of the joint ranges, of the rows of the fit."""
+        """From random folds, and from the ends of the joint ranges, of the rows of the fit.
+
+        Error maps state their own scatter and tails, by their own folds; outside the measured joints they predict
+        hardly anything: there σ is that of the model without them.
+        """
+        if found.without_maps is not None:
+            plain = cls.of(task, found.without_maps).region
+            models = found.identified.state.model.residual_models
+            return cls(1.0, replace(plain, scatter_mm=0.0, residual_models=models))
         used = task.rows.pick(list(found.used))
         if task.region is not None:  # a prior model has its own σ outside
             return cls(1.0, task.region.with_angles(used.q))

@@ -13,9 +13,10 @@ from cellctl.calibration import Measured, MotorTorsion, Postures, RobotModel, Se
 from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.dataset import DataSet, Rejected, Sieve, joint_readings
+from cellctl.formats.description import in_poe
 from cellctl.formats.load import two_centres
 from cellctl.formats.measurements._conditions import Conditions
-from cellctl.formats.measurements._model_choice import ModelChoice, ModelTerms
+from cellctl.formats.measurements._model_choice import POE, ModelChoice, ModelTerms
 from cellctl.formats.measurements._rows import Planes, Poses, Positions, Reaches, Sockets, reject_point_names
 from cellctl.formats.measurements._sessions import (
     OWN_BASE,
@@ -124,7 +125,8 @@ def measurements(
     certified distances are used unless `use_distances` is false. spacings: further known distances. own: what each
     session has to itself, `base` and `tool`. Raises InputError where the columns do not allow it, or no row is left.
     """
-    sieve, terms = Sieve(data), ModelTerms.parse(model)
+    sieve, terms = Sieve(data), ModelTerms.parse(model, robot.n)
+    robot = in_poe(robot) if POE in terms.terms else robot
     kinds = kinds_of(sieve, measure)
     reject_zeros(sieve, kinds)
     check_columns(data, {measure} if measure else set(kinds), artefact)

@@ -116,11 +116,11 @@ _LEFT_OUT = (("outliers", "left out"), ("rejected", "not usable"), ("test_outlie
 
 def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRow]:
     """The data of a fit that a run stores."""
-    rows, region = residuals_of(story), RegionSigma.of(story)
-    result = story.result
+    rows, result = residuals_of(story), story.result
+    region = None if np.isnan(result.predicted_volumetric_rms) else RegionSigma.of(story)
     before, after = _errors(story, rows)
     labels, matrix = correlation(story)
-    rms, greatest = figures(region)
+    rms, greatest = figures(region) if region else ({}, {})
     turns = np.array([model.chain.base_now[:3, :3] for model in story.found.state.models])
     return rows.stored(), IdentificationRow(
         head=head(story),
@@ -137,9 +137,9 @@ def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRo
         unobservable=tuple(asdict(reason) for reason in reasons(result.summary())),
         sigma_rms_mm=rms,
         sigma_max_mm=greatest,
-        along_joint=tuple((listed(at), listed(sigma)) for at, sigma in curves(story, region)),
+        along_joint=tuple((listed(at), listed(sigma)) for at, sigma in (curves(story, region) if region else ())),
         hints=tuple(hints(story)),
-        advice=advice(story, region),
+        advice=advice(story, region) if region else None,
         left_out=tuple(_left_out(story)),
     )
 

@@ -147,8 +147,10 @@ def unobservable(found: IdentificationRow) -> list[tuple[Any, list[str], list[st
     ]
 
 
-def region(rows: Residuals, found: IdentificationRow) -> Section:
-    """σ of the TCP over the joints."""
+def region(rows: Residuals, found: IdentificationRow) -> Section | None:
+    """σ of the TCP over the joints; None for a model that states none."""
+    if not found.sigma_rms_mm:
+        return None
     readings = rows.readings[rows.fitted]
     curves = [(np.array(at), np.array(sigma)) for at, sigma in found.along_joint]
     ends = zip(found.joints, readings.min(axis=0).tolist(), readings.max(axis=0).tolist(), strict=True)

@@ -199,7 +199,8 @@ def _scaled(block: Measured, state: State, predicted: _Predicted | None) -> Floa
     """Residuals (N, 6) in their predicted standard deviations; NaN if a row has fewer, or without a prediction."""
     result = np.full((len(block), 6), np.nan)
     if predicted is not None:
-        variance = predicted.variance(block.jacobian(state), block.sigma**2)
+        maps = state.model.map_variance(block.postures)[:, None] * block.of_length  # their errors are no noise of rows
+        variance = predicted.variance(block.jacobian(state), block.sigma**2 + maps)
         result[:, : block.sigma.shape[1]] = block.residual(state) / np.sqrt(variance)
     return result
 

@@ -31,7 +31,8 @@ def bars_picture(numbers: Sequence[int], before: Floats, after: Floats, sigma: F
         axes, at = figure.subplots(), np.arange(len(numbers))
         axes.bar(at, before, 0.8, color=BEFORE, alpha=0.45, label="before, nominal joints")
         axes.bar(at, after, 0.5, color=ACCENT, label="after, table in force")
-        axes.plot(at, sigma, "_", color=INK, markersize=5, label="predicted 1 σ after")
+        if sigma.size:
+            axes.plot(at, sigma, "_", color=INK, markersize=5, label="predicted 1 σ after")
         if late.any():
             first = int(np.flatnonzero(late)[0]) - 0.5
             axes.axvline(first, color=HELD_OUT, linewidth=1.0)
@@ -122,10 +123,13 @@ def _sentences(verdict: TrackerVerdict, found: TargetFigures, made: TargetsRow |
     on_line = verdict.method == ON_LINE
     after = "the same joints, corrected on-line" if on_line else "the same target by the controller's table"
     yield f"Before: nominal joints. After: {after}. Errors are 3-D."
-    ratio = significant(found.found_sigma / found.predicted_sigma) if found.predicted_sigma else "–"
+    expected = ", the model states no σ"
+    if found.predicted_sigma is not None:
+        ratio = significant(found.found_sigma / found.predicted_sigma) if found.predicted_sigma else "–"
+        expected = f" where {significant(found.predicted_sigma)} mm was predicted (ratio {ratio})"
     yield (
-        f"After: found {significant(found.found_sigma)} mm RMS where {significant(found.predicted_sigma)} mm was "
-        f"predicted (ratio {ratio}); {significant(found.interleaved_after)} mm of targets interleaved with the fit, "
+        f"After: found {significant(found.found_sigma)} mm RMS{expected}; "
+        f"{significant(found.interleaved_after)} mm of targets interleaved with the fit, "
         f"{significant(found.late_after)} mm of the late block."
     )
     if made and not on_line:

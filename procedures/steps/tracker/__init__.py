@@ -16,11 +16,13 @@ from procedures.steps.tracker._proving import (
     withdraw,
 )
 from procedures.steps.tracker._warming import warm_up
+from procedures.steps.tracker.comparing import compare
 from procedures.steps.tracker.measuring import measure, measure_compensated
 from procedures.steps.tracker.posing import plan, plan_targets
 
 __all__ = [
     "check_reflector",
+    "compare",
     "compensate",
     "correction_off",
     "correction_on",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from cellctl.devices import (
     CellReadings,
@@ -17,6 +17,8 @@ from cellctl.devices import (
     PointSource,
     TableStore,
 )
+from cellctl.files import InputError
+from cellctl.formats.measurements import ModelChoice, ModelTerms
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged, Pushed, PushInputs
@@ -39,9 +41,19 @@ from procedures.steps.tracker.target_table import compensated_rounds
 
 
 class IdentifyInputs(StepInputs):
-    """Which model."""
+    """Which model, as in `cellctl fit --model`."""
 
-    model: Literal["auto", "geometry"] = "auto"
+    model: ModelChoice = "auto"
+
+    @field_validator("model")
+    @classmethod
+    def _known(cls, model: str) -> str:
+        try:
+            ModelTerms.parse(model)
+        except InputError as error:
+            [problem] = error.problems
+            raise ValueError(f"{problem.what}: {problem.cure}") from error
+        return model
 
 
 @step("tracker.identify", verdict=TrackerVerdict, title="identifying the robot")

@@ -85,7 +85,7 @@ def verdict_of(context: StepContext, manner: str = BY_TABLE) -> tuple[TrackerVer
         n=len(targets.numbers),
         interleaved_after=_rms(errors[1][~targets.late]),
         late_after=_rms(errors[1][targets.late]),
-        predicted_sigma=_rms(sigma),
+        predicted_sigma=None if np.isnan(sigma).any() else _rms(sigma),
         found_sigma=_rms(errors[1]),
         **_sureness(errors),
     )
@@ -157,20 +157,19 @@ def _errors_row(context: StepContext, targets: Targets, sigma: Floats) -> Target
         late=tuple(targets.late.tolist()),
         before=tuple(map(tuple, targets.before.tolist())),
         after=tuple(map(tuple, targets.after.tolist())),
-        sigma=tuple(sigma.tolist()),
+        sigma=() if np.isnan(sigma).any() else tuple(sigma.tolist()),
         place=tuple(map(tuple, reflector_at(context, rows[numbers[0]].reflector, joints).tolist())),
     )
 
 
 def predicted_sigma(context: StepContext, targets: Targets) -> Floats:
     """1 σ (N,), 3-D, mm, of the errors after: model, what the method leaves by the model, repeatability of the robot,
-    and the measured point."""
+    and the measured point; NaN with a model that states none."""
     table = TableFile.load(context.artefact("table.json"))
     rows = {row.number: table.rows[row.row - 1] for row in context.recorded(CompensatedRow)}
     each = [rows[int(number)] for number in targets.numbers]
-    model, left = (
-        np.array(column) for column in zip(*((row.sigma_mm, row.predicted_after_mm) for row in each), strict=True)
-    )
+    model = np.array([row.sigma_mm for row in each], float)  # None becomes NaN
+    left = np.array([row.predicted_after_mm for row in each])
     return np.asarray(np.sqrt(model**2 + left**2 + _repeatability(context) ** 2 + targets.noise**2))
 
 

@@ -93,7 +93,7 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     result = fit(measured.task, split)
     report = fit_report(measured, result)
     story = FitStory.of(measured, result, split, report)
-    file = ModelFile.of(robot, measured, result, provenance(context, data.text()))
+    file = ModelFile.of(measured.robot, measured, result, provenance(context, data.text()))
     six = [six_row(measured, result, split)] if measure == "pose" else []
     rows = (*identification_rows(story), *six)
     return Found(data.text(), file.text(), fit_verdict(context, measured, result, report, ambiguous), rows)

@@ -364,7 +364,7 @@ class TargetErrorsRow(Row):
     """N held-out targets measured twice. number (N,): of the pose. late (N,): in the late block.
 
     before, after (N, 3): measured less intended place, mm, instrument's frame. sigma (N,): predicted 1 σ (3-D) of
-    `after`, mm. place (N, 3): in the robot's base frame, mm.
+    `after`, mm; empty with a model that states none. place (N, 3): in the robot's base frame, mm.
     """
 
     KIND: ClassVar[str] = "target errors"
@@ -392,9 +392,9 @@ class HeldOutFigures:
 class TargetFigures:
     """Held-out targets measured before, by nominal joints, and after, by the table: errors of `n`, mm.
 
-    predicted_sigma, found_sigma: RMS (3-D) of the predicted σ and of the errors after. mean_95, rms_95: 95 % intervals
-    of mean and RMS, before and after, mm. share_below: with 95 % confidence at least this share of such targets has an
-    error below the greatest found.
+    predicted_sigma, found_sigma: RMS (3-D) of the predicted σ (None: the model states none) and of the errors after.
+    mean_95, rms_95: 95 % intervals of mean and RMS, before and after, mm. share_below: with 95 % confidence at least
+    this share of such targets has an error below the greatest found.
     """
 
     before: Figures
@@ -402,7 +402,7 @@ class TargetFigures:
     n: int
     interleaved_after: float
     late_after: float
-    predicted_sigma: float
+    predicted_sigma: float | None
     found_sigma: float
     mean_95: tuple[tuple[float, float], ...] | None = None
     rms_95: tuple[tuple[float, float], ...] | None = None
@@ -437,6 +437,34 @@ class SixRow(Row):
     parameters: tuple[str, ...]
     r: tuple[float, ...]
     observable: float
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ComparedModel:
+    """A model on the held-out poses. choice: its name. coverage_95, predicted_rms (mm): None where it states no σ.
+    less: mean error less that of the first model, mm, with its 95 % interval; None for the first. errors (N,): mm.
+    """
+
+    choice: str
+    test: Figures
+    coverage_95: float | None
+    predicted_rms: float | None
+    less: tuple[float, float, float] | None
+    errors: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ComparedModelsRow(Row):
+    """Models identified from the same poses, the campaign's own first. nominal (N,): its errors, mm, on the held-out
+    poses. left_out: models that could not be fitted, each with the reason.
+    """
+
+    KIND: ClassVar[str] = "compared models"
+    models: tuple[ComparedModel, ...]
+    nominal: tuple[float, ...]
+    left_out: tuple[str, ...]
 
 
 @final

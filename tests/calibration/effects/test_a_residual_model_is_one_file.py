@@ -30,7 +30,7 @@ class KrigingField(ResidualModel):
     expected: float = 0.3
     basis: PostureBasis = field(init=False, repr=False)
 
-    group: ClassVar = "kriging"
+    group: ClassVar = "kriged"
     title: ClassVar = "Kriging field"
 
     def __post_init__(self):
@@ -54,7 +54,7 @@ class KrigingField(ResidualModel):
     def shifts(self, nominal, at):
         return self.basis.values(at.q)[:, None, :] * np.array([0.0, 0.0, 1.0])[:, None]
 
-    def variance(self, at):
+    def variance(self, nominal, at):
         return self.expected**2 / 3.0 * self.basis.remainder(at.q)
 
     def outside(self, at):
@@ -76,9 +76,9 @@ def model(monkeypatch):
     places = arms.ElbowArm().tcp(readings) + rng.normal(0.0, 0.01, (ROWS, 3))
     places[:, 2] += 0.2 * np.sin(2.0 * np.deg2rad(readings[:, 1]))
     data = DataSet.parse(csv_text(joints_and_places(readings, places)), "data.csv")
-    measured = measurements(ROBOT, data, model="geometry+kriging")
+    measured = measurements(ROBOT, data, model="geometry+kriged")
     result = fit(measured.task, Split.by_column(np.arange(ROWS) >= 90))
-    assert "kriging" in result.model.split("+")
+    assert "kriged" in result.model.split("+")
     assert result.test.rms < 0.5 * result.nominal.rms
     return ModelFile.of(ROBOT, measured, result)
 
@@ -104,7 +104,7 @@ def test_sigma_of_a_prediction_has_what_it_leaves_open(model, without, monkeypat
     monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, KrigingField))
     own = model.robot_model().residual_models[-1]
     at = Postures(ROBOT.joint_map().model(BETWEEN))
-    more = np.hypot(np.sqrt(3.0 * own.variance(at)), _growth_of_region(model, at.q))
+    more = np.hypot(np.sqrt(3.0 * own.variance(model.robot_model().nominal, at)), _growth_of_region(model, at.q))
     assert more.min() > 0.005
     np.testing.assert_allclose(model.predict(BETWEEN).sigma_mm, np.hypot(plain[0], more), rtol=1e-9)
     np.testing.assert_allclose(model.sigma(BETWEEN, kind="among"), np.hypot(plain[1], more), rtol=1e-9)

@@ -6,6 +6,7 @@ import pytest
 from cellctl.calibration.effects import Discrepancy, Harmonics, functions, kinds
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.problem.measured_region import MeasuredRegion
+from tests.helpers.arms import library_robot
 
 
 def test_harmonics_field_and_discrepancy_are_the_random_functions():
@@ -16,7 +17,7 @@ def test_what_a_discrepancy_leaves_open_is_counted_once_by_the_measured_region()
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 3))
     model = Discrepancy(q, 1.0, 0.2)
     assert model.far_sigma(model.sigma) == pytest.approx(0.2)
-    assert not model.variance(Postures(q + 50.0)).any()
+    assert not model.variance(library_robot("ur10").chain(), Postures(q + 50.0)).any()
     assert not model.outside(Postures(q + 50.0)).any()
 
 

@@ -1,0 +1,101 @@
+"""Error maps of a model, learnt from the rows that identified its other terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, final
+
+import numpy as np
+
+from cellctl.calibration.model.effect import Effect, EffectInputs
+from cellctl.calibration.model.learnt_map import LearntMap, Left
+from cellctl.calibration.model.parameter import Group, Parameter
+from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.rows import Measured
+from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.solver.estimate import Estimate
+from cellctl.kinematics import Floats, SerialChain
+
+ALONG = 1e-3
+"""Rows whose numbers show one direction of the TCP this much less than another do not measure a point."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Shifted(Effect):
+    """The TCP shifted by 1 mm along one axis of the base: only to see how a row measures it."""
+
+    axis: int
+
+    group: ClassVar[Group] = "shift of the TCP"
+    title: ClassVar[str] = "Shift of the TCP"
+
+    @classmethod
+    def of_inputs(cls, setup: EffectInputs) -> Self | None:
+        return None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return ()
+
+    @property
+    def sigma(self) -> Floats:
+        return np.zeros(0)
+
+    def fixed_shift(self, nominal: SerialChain, at: Postures) -> Floats:
+        return np.tile(np.eye(3)[self.axis], (len(at), 1))
+
+
+def with_maps(found: Estimate, rows: RowBlocks) -> Estimate:
+    """`found` with each of its model's error maps learnt from `rows`, which it was identified from. Each learns what
+    the geometry, the effects and the maps before it leave. Raises ValueError for rows that make no map.
+    """
+    for place, effect in enumerate(found.state.model.effects):
+        if isinstance(effect, LearntMap):
+            found = _with_effect(found, place, effect.learnt(_left(found, rows)))
+    return found
+
+
+def _with_effect(found: Estimate, place: int, effect: Effect) -> Estimate:
+    start = found.unknowns.start
+    effects = (*start.model.effects[:place], effect, *start.model.effects[place + 1 :])
+    return replace(found, unknowns=replace(found.unknowns, start=_with_effects(start, effects)))
+
+
+def _with_effects(state: State, effects: tuple[Effect, ...]) -> State:
+    """`state` with other effects; those that differ have no amounts."""
+    models: list[RobotModel] = [replace(model, effects=effects) for model in state.models]
+    return replace(state, models=tuple(models))
+
+
+def _left(found: Estimate, rows: RowBlocks) -> Left:
+    """What `found` leaves at those of `rows` in which an instrument measures a point."""
+    model = found.state.model
+    parts = [_of_block(found.state, block) for block in rows.blocks if len(block) and block.of_instrument]
+    at = Postures.joined([at for at, _, _ in parts]) if parts else Postures(np.zeros((0, model.n)))
+    errors = np.concatenate([np.zeros((0, 3)), *(errors for _, errors, _ in parts)])
+    noise = np.concatenate([np.zeros((0, 3)), *(variance for _, _, variance in parts)])
+    columns = np.swapaxes(model.chain.base_now[:3, :3].T @ model.jacobian(at)[:, :3], 1, 2)
+    covariance = found.covariance[: found.unknowns.robot, : found.unknowns.robot]
+    return Left(model, at, errors, noise + np.einsum("npa,pq,nqa->na", columns, covariance, columns, optimize=True))
+
+
+def _of_block(state: State, block: Measured) -> tuple[Postures, Floats, Floats]:
+    """Postures, errors (N, 3), mm, and their variance by the instrument (N, 3), mm².
+
+    A shift d of the TCP changes the numbers r of a row, model − measurement in σ, by C d. The shift that leaves the
+    least of them, −C⁺ r, is actual − model; its covariance is (CᵀC)⁻¹.
+    """
+    residual = block.residual(state) / block.sigma
+    effects = state.model.effects
+    moved = [
+        block.residual(_with_effects(state, (*effects, _Shifted(axis)))) / block.sigma - residual for axis in range(3)
+    ]
+    columns = np.stack(moved, axis=-1)
+    singular = np.linalg.svd(columns, compute_uv=False)
+    whole = np.flatnonzero(singular[:, -1] > ALONG * singular[:, 0]) if columns.shape[1] >= 3 else np.zeros(0, int)
+    inverse = np.linalg.pinv(columns[whole])
+    errors = -np.einsum("nak,nk->na", inverse, residual[whole])
+    return block.postures.pick(whole), errors, np.sum(inverse**2, axis=2)
