@@ -218,7 +218,10 @@ def identify(
     for block, _, own in inliers.parts():
         if block.of_instrument:  # what the other terms left is in the maps' σ: its points are as precise as they state
             noise[own] = np.where(block.of_length, 1.0, noise[own])
-    return replace(found, identified=with_maps(found.identified, inliers), noise=noise, without_maps=found)
+    # that noise would count a second time in the parameters: their error is in what the maps learnt
+    blocks, plain = [*inliers.noisier(noise).blocks, *certified_rows(task)], found.identified
+    plain = replace(plain, covariance=covariance_of(plain, plain.unknowns, blocks))
+    return replace(found, identified=with_maps(plain, inliers), noise=noise, without_maps=found)
 
 
 def _with_residual_model(
