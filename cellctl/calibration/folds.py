@@ -45,18 +45,23 @@ def evenly(test: Any, most: int | None) -> Any:
     return test if most is None else test[np.linspace(0, len(test) - 1, min(most, len(test))).astype(int)]
 
 
+def postures(q: Floats) -> Any:
+    """The number of the posture of each row (N,) at q (N, n), rad: repeats have the same."""
+    return np.unique(np.round(q / SAME_RAD), axis=0, return_inverse=True)[1].ravel()
+
+
 def random_folds(q: Floats) -> list[Any]:
     """At most `FOLDS` sets of indices that divide the rows at q (N, n), rad; repeats of a posture in one set.
 
     The draw depends on the rows alone: two models of them are compared on the same folds, so that their errors pair.
     """
-    _, posture = np.unique(np.round(q / SAME_RAD), axis=0, return_inverse=True)
+    posture = postures(q)
     count = int(posture.max(initial=-1)) + 1
     order = np.random.default_rng(len(q)).permutation(count)
     fold = np.zeros(count, int)
     for place, part in enumerate(np.array_split(order, min(FOLDS, count))):
         fold[part] = place
-    return [np.flatnonzero(fold[posture.ravel()] == place) for place in range(min(FOLDS, count))]
+    return [np.flatnonzero(fold[posture] == place) for place in range(min(FOLDS, count))]
 
 
 def end_folds(q: Floats, share: float = END) -> list[Any]:

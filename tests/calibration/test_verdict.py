@@ -172,3 +172,20 @@ def test_the_sentence_names_the_baseline_that_decided_and_all_three_figures():
     means = "0.900 mm nominal robot, 0.300 mm prior model, 0.400 mm identified robot"
     measured = f"Error of held-out touches: {means} (mean of 30; max 1.800, 0.600, 0.800 mm)."
     assert said == f"{measured} Worse than the prior model: do not use this model."
+
+
+def test_repeats_of_a_posture_count_as_one_row():
+    """Nominal and identified are equally good; each posture comes five times, with a common error."""
+    better = fooled = 0
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        errors = np.abs(np.repeat(rng.normal(3.0, 1.0, (2, 20)), 5, axis=1) + rng.normal(0.0, 0.3, (2, 100)))
+        better += paired_verdict(*errors, posture=np.repeat(np.arange(20), 5)) == "better"
+        fooled += paired_verdict(*errors) == "better"
+    assert better <= 0.05 * 400 < 0.12 * 400 < fooled
+
+
+def test_without_repeats_postures_change_nothing():
+    rng = np.random.default_rng(1)
+    before, after = rng.uniform(0.5, 1.0, 30), rng.uniform(0.4, 0.95, 30)
+    assert paired_verdict(before, after, posture=rng.permutation(30)) == paired_verdict(before, after)

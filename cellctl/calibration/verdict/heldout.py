@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cellctl.calibration.folds import postures
 from cellctl.calibration.identification.identify import Identification, registered, with_tool_registered
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
@@ -59,6 +60,7 @@ def held_out_rows(task: Task, by: Identification, rows: RowBlocks, reliability: 
         left=np.full(len(rows), _share_left(rows, hidden)),
         prior=None if task.nominal is None else before,
         with_tool=_with_tool(task, by.identified.unknowns, used, rows),
+        posture=postures(rows.q),
     )
 
 
