@@ -6,6 +6,7 @@ they were given. What a setting leaves to the rows is chosen by cross-validation
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self, final
@@ -30,7 +31,7 @@ from cellctl.error_maps.kriging import (
 from cellctl.error_maps.motor_flexibility import ALPHAS as NETWORK_ALPHAS
 from cellctl.error_maps.motor_flexibility import HIDDEN as NETWORK_HIDDEN
 from cellctl.error_maps.perceptron import ALPHAS, HIDDEN, Perceptron, PerceptronMap, require_library, tuned_perceptron
-from cellctl.error_maps.samples import FOLDS, Scale, Tuned, TunedMap, checked, grouped_folds
+from cellctl.error_maps.samples import FOLDS, LEAST, Scale, Tuned, TunedMap, checked, grouped_folds
 from cellctl.kinematics import Floats, SerialChain
 
 Numbers = tuple[float, ...]
@@ -69,7 +70,10 @@ SEARCHED = 200
 """The search for joint weights uses so many rows at most: each of some thousand particles takes their number cubed."""
 
 TESTED = 5
-"""One in so many of them is the test set of that search."""
+"""One in so many of them is the test set of that search; fewer rows than make a test set are not searched."""
+
+FOLD_PARTICLES, FOLD_ROUNDS = 20, 6
+"""Of the shorter searches that σ takes, one in each fold."""
 
 _POWERS = {"gaussian": GAUSSIAN, "exponential": EXPONENTIAL}
 
@@ -120,10 +124,10 @@ class KrigingTerm(_MapTerm):
         """λ by cross-validation, weights by a test set within the rows, then λ again with these weights."""
         at, errors = checked(inputs(self.settings["space"], left.model.nominal, left.at.q), left.errors)
         method = self._tuned(Kriging(self._initial(at), power=_POWERS[self.settings["semivariogram"]]), at, errors)
-        if self.settings["weights"] == "searched":
+        if self.settings["weights"] == "searched" and len(at) >= TESTED * LEAST:
             method = self._tuned(replace(method, joint_weights=self._searched(method, at, errors)), at, errors)
         found = method.fit(at, errors)
-        inflation, constant = _sigma_by_folds(method, at, errors, left.stated)
+        inflation, constant = _sigma_by_folds(self._method_of_fold(method), at, errors, left.stated)
         return replace(
             self,
             points=at,
@@ -149,15 +153,30 @@ class KrigingTerm(_MapTerm):
             return replace(method, regularisation=given)
         folds = grouped_folds(at, FOLDS, self.settings["seed"])
         tried = [replace(method, regularisation=each) for each in LAMBDAS]
-        return min(tried, key=lambda each: float(np.sum(_held_out(each, at, errors, folds)[0] ** 2)))
+        return min(tried, key=lambda each: float(np.sum(_held_out(lambda *_: each, at, errors, folds)[0] ** 2)))
 
-    def _searched(self, method: Kriging, at: Floats, errors: Floats) -> Floats:
+    def _method_of_fold(self, method: Kriging) -> _MethodOf:
+        """`method` as a fold finds it: weights that were searched in all rows would know those that are held out."""
+
+        def of(at: Floats, errors: Floats) -> Kriging:
+            if self.settings["weights"] != "searched" or len(at) < TESTED * LEAST:
+                return method
+            return replace(method, joint_weights=self._searched(method, at, errors, FOLD_PARTICLES, FOLD_ROUNDS))
+
+        return of
+
+    def _searched(
+        self, method: Kriging, at: Floats, errors: Floats, particles: int | None = None, rounds: int | None = None
+    ) -> Floats:
         settings = self.settings
         some = np.random.default_rng(settings["seed"]).permutation(len(at))[:SEARCHED]
         test = grouped_folds(at[some], TESTED, settings["seed"])[0]
         own, other = some[~test], some[test]
         search = ParticleFilter(
-            self._initial(at), particles=settings["particles"], rounds=settings["rounds"], seed=settings["seed"]
+            self._initial(at),
+            particles=particles or settings["particles"],
+            rounds=rounds or settings["rounds"],
+            seed=settings["seed"],
         )
         return search.weights(at[own], errors[own], at[other], errors[other], method.regularisation, method.power)
 
@@ -185,11 +204,15 @@ class KrigingTerm(_MapTerm):
         return np.asarray((of_axes * np.array(self.inflation) ** 2 + np.array(self.constant) ** 2).mean(axis=1))
 
 
-def _held_out(method: Kriging, at: Floats, errors: Floats, folds: list[Any]) -> tuple[Floats, Floats]:
+_MethodOf = Callable[[Floats, Floats], Kriging]
+"""The method for inputs (N, k) and errors (N, 3)."""
+
+
+def _held_out(method: _MethodOf, at: Floats, errors: Floats, folds: list[Any]) -> tuple[Floats, Floats]:
     """Errors (N, 3), mm, that maps of the other folds leave at each row, and their kriging variances (N, 3), mm²."""
     away, variances = np.empty(errors.shape), np.empty(errors.shape)
     for test in folds:
-        made = method.fit(at[~test], errors[~test])
+        made = method(at[~test], errors[~test]).fit(at[~test], errors[~test])
         away[test], variances[test] = made.errors(at[test]) - errors[test], made.variance(at[test])
     return away, variances
 
@@ -202,7 +225,7 @@ _SHARES = np.geomspace(0.01, 1.5, 41)
 """Factors on the standard deviation of kriging that are tried, and constant parts, in RMS of the held-out errors."""
 
 
-def _sigma_by_folds(method: Kriging, at: Floats, errors: Floats, stated: Floats) -> tuple[Numbers, Numbers]:
+def _sigma_by_folds(method: _MethodOf, at: Floats, errors: Floats, stated: Floats) -> tuple[Numbers, Numbers]:
     """Factors s (3,) on the standard deviation √v of kriging, and constant parts c (3,), mm, along each axis.
 
     The most probable ones for errors e of held-out rows, e ~ N(0, s² v + c² + u), u what is stated besides. Kriging

@@ -15,7 +15,7 @@ from cellctl.report.drawing import ACCENT, BEFORE, FAINT, HELD_OUT, INK, millime
 from cellctl.report.figures import fixed, percent
 from cellctl.version import __version__
 
-_COLOURS = (ACCENT, HELD_OUT, "#2e7d32", "#7b1fa2", "#c62828", "#00838f", "#6d4c41", BEFORE)
+_COLOURS = (ACCENT, HELD_OUT, "#2e7d32", "#7b1fa2", "#c62828", "#00838f", "#6d4c41", BEFORE, "#ad1457")
 _LEVELS = np.linspace(0.02, 0.98, 49)
 
 
@@ -56,7 +56,7 @@ def _row(each: Any) -> dict[str, Any]:
         "inside": "none" if each.coverage_95 is None else percent(each.coverage_95),
         "ratio": "" if each.stated_over_found is None else f"{each.stated_over_found:.2f}",
         "less": "" if less is None else fixed(less.mean),
-        "ends": "" if less is None else f"{fixed(less.low)} … {fixed(less.high)}",
+        "ends": "" if less is None else f"{fixed(less.low)} … {fixed(less.high)}",
         "decided": less is not None and less.decided,
         "seconds": f"{each.seconds:.1f}",
     }

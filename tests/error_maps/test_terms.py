@@ -228,6 +228,14 @@ def test_without_scikit_learn_the_message_names_it(monkeypatch):
         ModelTerms.parse("geometry+network")
 
 
+def test_with_fewer_rows_than_make_a_test_set_the_weights_stay():
+    readings, places, _ = rows()
+    some = DataSet.parse(csv_text(joints_and_places(readings[:40], places[:40])), "few.csv")
+    result = fit(measurements(ROBOT, some, model="geometry+kriging").task, Split.by_column(np.zeros(40, bool)))
+    [term] = learnt_maps(result.identification.identified.state.model)
+    assert_allclose(term.weights, 1.0)
+
+
 def test_rows_that_are_too_few_make_no_map():
     readings, places, _ = rows()
     some = DataSet.parse(csv_text(joints_and_places(readings[:9], places[:9])), "few.csv")

@@ -8,6 +8,7 @@ import pytest
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.journal import fold, read_journal
+from procedures.steps.tracker.rows import ComparedModelsRow
 from tests.helpers.runs import ROOT, cellctl
 
 PAPERS = ROOT / "procedures" / "papers"
@@ -25,6 +26,9 @@ FEW = {
     "configuration_space_kriging": FEW_POSES,
     "point_selection": FEW_POSES,
 }
+
+
+PAPERS_MODEL = {"configuration_space_kriging": "kriging", "point_selection": "poe+motor+network"}
 
 
 def settings(name: str) -> list[str]:
@@ -49,6 +53,11 @@ def test_a_small_run_is_better_than_nominal_and_has_a_journal(name: str, tmp_pat
     assert found["verdict"] == "better"
     journal = fold(read_journal(tmp_path / "runs" / found["run"]))
     assert journal.ended is not None
+    compared = journal.last(ComparedModelsRow)
+    if name in PAPERS_MODEL:
+        assert compared is not None
+        assert [each.choice for each in compared.models][:2] == [PAPERS_MODEL[name], "auto"]
+        assert "Models on the same poses" in (tmp_path / "runs" / found["run"] / "report.html").read_text()
     if "method" in FEW[name]:
         table = json.loads((tmp_path / "runs" / found["run"] / "table.json").read_text())
         assert table["source"]["method"] == FEW[name]["method"]

@@ -48,7 +48,7 @@ def _line(each: ComparedModel) -> dict[str, Any]:
         "inside": percent(each.coverage_95) if stated else "none",
         "ratio": f"{each.predicted_rms / test.rms:.2f}" if each.predicted_rms and test.rms else "",
         "less": "" if each.less is None else fixed(each.less[0]),
-        "ends": "" if each.less is None else f"{fixed(each.less[1])} … {fixed(each.less[2])}",
+        "ends": "" if each.less is None else f"{fixed(each.less[1])} … {fixed(each.less[2])}",
     }
 
 
