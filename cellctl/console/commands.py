@@ -26,7 +26,7 @@ from cellctl.operations.failure import Failure
 from cellctl.operations.results import as_json, from_json
 from cellctl.operations.run_control import RunOrder, act, resume_detached, start_detached
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, run_named
-from cellctl.operations.run_list import RunRow, run_rows
+from cellctl.operations.run_list import RunSummary, run_rows
 from cellctl.operations.table_actions import Action, TableLook, TableRequest, refuse_confirmation
 
 _tasks: set[asyncio.Task[None]] = set()
@@ -266,13 +266,13 @@ REPORT_CONTENT = (
 """Content-Security-Policy of a report: a page without scripts, which loads nothing."""
 
 
-def live_rows() -> list[RunRow]:
+def live_rows() -> list[RunSummary]:
     """The runs that are known by now, newest first."""
     rows = console().live.rows
-    return [{**row.summary, **({"sentence": str(row.problem.what)} if row.problem else {})} for row in rows]
+    return [replace(row.summary, sentence=row.problem.what) if row.problem else row.summary for row in rows]
 
 
-async def known_rows() -> list[RunRow]:
+async def known_rows() -> list[RunSummary]:
     """All runs, newest first; read from their journals while the console has not followed all of them yet."""
     if console().live.reading:
         return await asyncio.to_thread(run_rows, console().runs)
