@@ -16,7 +16,7 @@ from cellctl.installed import first_procedure
 from cellctl.journal import RunState, fold, journal_in, read_journal, run_place
 from cellctl.operations import export as exports
 from cellctl.operations.comparing_runs import compare_runs
-from cellctl.operations.replay import TOLERANCE, Agreement, ArtefactReplay, FolderFile, Replay, StepReplay, replay_run
+from cellctl.operations.replay import Agreement, ArtefactReplay, FolderFile, Replay, StepReplay, replay_run
 from cellctl.operations.results import as_json
 from cellctl.operations.run_list import RunFilter, RunSummary, run_rows, run_summary
 from cellctl.report import FILE_NAME, write_report
@@ -235,7 +235,7 @@ def replay(
     found = replay_run(place, lambda step: typer.echo(f"computing {step} …", err=True))
     if out:
         _write(found, out)
-    write_json(found.to_json(), json_)
+    write_json(as_json(found), json_)
     if json_ != "-":
         for line in _replay_lines(found):
             typer.echo(line)
@@ -268,7 +268,7 @@ def _replay_lines(found: Replay) -> list[str]:
     lines += [line for each in found.steps for line in _step_lines(each, width)]
     whole = {
         Agreement.EXACT: "equal",
-        Agreement.WITHIN_TOLERANCE: f"{found.agreement}: {TOLERANCE}",
+        Agreement.WITHIN_TOLERANCE: f"{found.agreement}: {found.tolerance}",
         Agreement.DIFFERENT: "not equal: see above",
     }[found.agreement]
     return [*lines, f"Data set, model, table and results: {whole}." if found.steps else "There is nothing to compare."]

@@ -131,21 +131,21 @@ async def retry(operator: Operator, run: Path, *, acknowledged: bool) -> None:
     await console().command(operator, "retry", run.name, work, acknowledged=acknowledged)
 
 
-async def examine(operator: Operator, cell: Path) -> dict[str, Any]:
+async def examine(operator: Operator, cell: Path) -> None:
     """Examine the devices of a cell; nothing moves. Raises InputError while a run is active on it."""
 
-    async def work() -> dict[str, Any]:
+    async def work() -> None:
         if cell in _examined:
             raise InputError(Problem(str(cell), 0, 0, "its devices are being examined already", "wait for the result"))
         _examined.add(cell)
         examinations.call({str(cell)})
         try:
-            return await examine_cell(cell, console().runs)
+            await examine_cell(cell, console().runs)
         finally:
             _examined.discard(cell)
             examinations.call({str(cell)})
 
-    return await console().command(operator, "doctor", cell.stem, work)
+    await console().command(operator, "doctor", cell.stem, work)
 
 
 async def recompute(operator: Operator, what: Literal["replay", "report"], run: Path) -> Job:

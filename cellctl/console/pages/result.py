@@ -30,7 +30,8 @@ from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.operations.export import Form
-from cellctl.operations.replay import Agreement
+from cellctl.operations.replay import Agreement, ArtefactReplay, Replay
+from cellctl.operations.results import from_json
 from cellctl.operations.run_folder import RunFile, run_files, run_named
 from cellctl.operations.run_list import RunSummary, run_row
 from cellctl.report.figures import fixed
@@ -147,23 +148,20 @@ class _Replay:
         self._view.follow(job, self._button.enable)
 
     @staticmethod
-    def _show(found: dict[str, Any]) -> None:
-        state_word("bad" if found["agreement"] == Agreement.DIFFERENT else "good", found["agreement"], large=True)
-        for text in found["changed"]:
+    def _show(result: object) -> None:
+        found = from_json(Replay, result)
+        state_word("bad" if found.agreement is Agreement.DIFFERENT else "good", found.agreement, large=True)
+        for text in found.changed:
             ui.label(f"Changed since the run: {text}").classes("note")
-        rows = [_artefact(each) for each in found["artefacts"]]
-        rows += [
-            [each["step"], each["agreement"], "; ".join((*each["differences"][:3], *each["why"]))]
-            for each in found["steps"]
-        ]
+        rows = [_artefact(each) for each in found.artefacts]
+        rows += [[each.step, each.agreement, "; ".join((*each.differences[:3], *each.why))] for each in found.steps]
         figures(words("File or step", "Outcome", "Difference and reason"), rows, label="Replay")
 
 
-def _artefact(each: dict[str, Any]) -> list[str]:
-    first = each["first"]
-    where = f"first at byte {first['byte']}" if isinstance(first, dict) and "byte" in first else ""
-    hashes = f"sha256 {(each['replayed'] or 'not made')[:12]}"
-    return [each["name"], each["agreement"], "; ".join(part for part in (hashes, where, *each["why"]) if part)]
+def _artefact(each: ArtefactReplay) -> list[str]:
+    where = f"first at byte {each.first.byte}" if each.first else ""
+    hashes = f"sha256 {(each.replayed or 'not made')[:12]}"
+    return [each.name, each.agreement, "; ".join(part for part in (hashes, where, *each.why) if part)]
 
 
 @final
