@@ -23,6 +23,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.operations.cell_devices import as_loaded, require_cells, require_files, send_files, simulator_command
 from cellctl.operations.doctor import Examined, examination
+from cellctl.operations.results import as_json
 
 _WIDTH = 120
 
@@ -43,7 +44,7 @@ def doctor(cell: arguments.Cell, seed: arguments.Seed = None, json_: arguments.J
     found = asyncio.run(examination(loaded, drivers, seed))
     if json_ != "-":
         _show(found.devices)
-    write_json(found.to_json(), json_)
+    write_json(as_json(found), json_)
     for one in found.devices:
         if not one.healthy:
             typer.echo(f"cellctl: {one.name}: {one.what}\n    {one.cure}", err=True)
@@ -80,7 +81,7 @@ def _cells(one: Examined) -> list[str]:
         (identity.firmware if identity else "") or "–",
         "–" if one.latency_ms is None else f"{one.latency_ms:.1f} ms",
         f"{clock.drift_ppm:+.1f} ppm ± {clock.sigma_ms * 1e3:.0f} µs" if clock else "–",
-        f"ok: {one.health.text}" if one.healthy and one.health else f"FAILED: {one.what}",
+        f"ok: {one.health}" if one.healthy else f"FAILED: {one.what}",
     ]
     return [escape(cell) for cell in cells]
 

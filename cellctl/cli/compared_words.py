@@ -14,8 +14,8 @@ _SHOWN = 12
 
 def compared_words(found: RunComparison) -> Iterator[str]:
     """The comparison, line by line; facts that are the same are shown once."""
-    yield f"a: {found.a['run']}"
-    yield f"b: {found.b['run']}"
+    yield f"a: {found.a}"
+    yield f"b: {found.b}"
     for fact in found.facts:
         yield f"  {fact.name:16} {fact.a}" + ("" if fact.same else f"  →  {fact.b}")
     yield from (f"  {note}" for note in found.notes)

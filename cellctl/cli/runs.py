@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, final
+from typing import Annotated, final
 
 import typer
 
@@ -16,8 +16,9 @@ from cellctl.installed import first_procedure
 from cellctl.journal import RunState, fold, journal_in, read_journal, run_place
 from cellctl.operations import export as exports
 from cellctl.operations.comparing_runs import compare_runs
-from cellctl.operations.replay import TOLERANCE, Agreement, ArtefactReplay, FolderFile, Replay, StepReplay, replay_run
-from cellctl.operations.run_list import RunFilter, run_rows, run_summary
+from cellctl.operations.replay import Agreement, ArtefactReplay, FolderFile, Replay, StepReplay, replay_run
+from cellctl.operations.results import as_json
+from cellctl.operations.run_list import RunFilter, RunSummary, run_rows, run_summary
 from cellctl.report import FILE_NAME, write_report
 
 _COLUMNS = ["run", "began", "state", "points", "verdict", "table"]
@@ -45,14 +46,14 @@ def runs(
     refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
     asked = RunFilter(search, state, verdict, serial, procedure, since, until)
     found = run_rows(folder, asked)
-    write_json({"runs": found}, json_)
+    write_json({"runs": [as_json(row) for row in found]}, json_)
     if json_ == "-":
         return
     if not found:
         none = f"No runs in {folder}. `cellctl run {first_procedure()}` makes one."
         typer.echo(none if asked == RunFilter() else f"No run in {folder} is as searched for.")
         return
-    for line in _aligned([_COLUMNS, *([str(row.get(key) or "-") for key in _KEYS] for row in found)]):
+    for line in _aligned([_COLUMNS, *([str(getattr(row, key) or "-") for key in _KEYS] for row in found)]):
         typer.echo(line)
 
 
@@ -77,7 +78,7 @@ def show(
     entries = list(read_journal(place))
     state = fold(entries)
     summary = run_summary(place, state)
-    write_json(summary, json_)
+    write_json(as_json(summary), json_)
     if json_ == "-":
         return
     for line in _run_lines(summary, state):
@@ -89,7 +90,7 @@ def show(
 
 def _compare(a: Path, b: Path, json_: str | None) -> None:
     found = compare_runs(a, b)
-    write_json(found.to_json(), json_)
+    write_json(as_json(found), json_)
     if json_ != "-":
         for line in compared_words(found):
             typer.echo(line)
@@ -100,27 +101,27 @@ def _aligned(rows: list[list[str]]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def _run_lines(summary: dict[str, Any], state: RunState) -> list[str]:
+def _run_lines(summary: RunSummary, state: RunState) -> list[str]:
     lines = [
-        f"{summary['run']}: {summary['state']}",
-        f"  procedure  {summary['procedure']}",
-        f"  cell       {summary['cell']} ({summary['clock']}, seed {summary['seed']})",
-        f"  began      {summary['began']}, {summary['cell_s']:.1f} s of the cell's time",
+        f"{summary.run}: {summary.state}",
+        f"  procedure  {summary.procedure}",
+        f"  cell       {summary.cell} ({summary.clock}, seed {summary.seed})",
+        f"  began      {summary.began}, {summary.cell_s:.1f} s of the cell's time",
     ]
-    if summary["process"]:
-        lines.append(f"  run by     process {summary['process']}")
+    if summary.process:
+        lines.append(f"  run by     process {summary.process}")
     lines += [
         f"  {name:10} {identity['model']}, serial {identity['serial']}" for name, identity in state.identities.items()
     ]
-    attempts = f"attempts at steps: {summary['attempts']} in {len(state.steps)} steps"
-    lines.append(f"  points     {summary['points']} measured; {attempts}")
-    if summary["verdict"]:
-        lines.append(f"  verdict    {summary['verdict']}: {summary['sentence']}")
-    if summary["table_words"]:
-        lines.append(f"  table      {summary['table_words']}")
-    lines += [f"  {line}" for line in summary["lines"]]
-    if summary["problem"]:
-        lines += [f"  ended by   {summary['problem']}", f"  cure       {summary['cure']}"]
+    attempts = f"attempts at steps: {summary.attempts} in {len(state.steps)} steps"
+    lines.append(f"  points     {summary.points} measured; {attempts}")
+    if summary.verdict:
+        lines.append(f"  verdict    {summary.verdict}: {summary.sentence}")
+    if summary.table_words:
+        lines.append(f"  table      {summary.table_words}")
+    lines += [f"  {line}" for line in summary.lines]
+    if summary.problem:
+        lines += [f"  ended by   {summary.problem}", f"  cure       {summary.cure}"]
     return lines
 
 
@@ -234,7 +235,7 @@ def replay(
     found = replay_run(place, lambda step: typer.echo(f"computing {step} …", err=True))
     if out:
         _write(found, out)
-    write_json(found.to_json(), json_)
+    write_json(as_json(found), json_)
     if json_ != "-":
         for line in _replay_lines(found):
             typer.echo(line)
@@ -267,7 +268,7 @@ def _replay_lines(found: Replay) -> list[str]:
     lines += [line for each in found.steps for line in _step_lines(each, width)]
     whole = {
         Agreement.EXACT: "equal",
-        Agreement.WITHIN_TOLERANCE: f"{found.agreement}: {TOLERANCE}",
+        Agreement.WITHIN_TOLERANCE: f"{found.agreement}: {found.tolerance}",
         Agreement.DIFFERENT: "not equal: see above",
     }[found.agreement]
     return [*lines, f"Data set, model, table and results: {whole}." if found.steps else "There is nothing to compare."]

@@ -11,7 +11,7 @@ from nicegui import ui
 
 from cellctl.console.live import Snapshot
 from cellctl.files import Problem
-from cellctl.operations.run_list import RunEnd, RunRow
+from cellctl.operations.run_list import RunEnd, RunSummary
 
 State = Literal["good", "working", "waiting", "warning", "bad", "off", "unknown"]
 
@@ -188,10 +188,9 @@ _VERDICTS: dict[str, State] = {
 }
 
 
-def look_of_state(row: RunRow) -> State:
+def look_of_state(row: RunSummary) -> State:
     """How the state of a run looks."""
-    word = str(row["state"])
-    return _STATES.get(word) or ("bad" if word.startswith("cut off") else "working")
+    return _STATES.get(row.state) or ("bad" if row.state.startswith("cut off") else "working")
 
 
 def look_of_verdict(word: object, other: State = "unknown") -> State:

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from cellctl.console.appearance import COLOURS
 from cellctl.metrology import ControlChart
-from cellctl.operations.comparing_runs import ParameterSeries
+from cellctl.operations.comparing_runs import DatedRun, ParameterSeries
 
 _BLUE, _RED, _GREY = COLOURS["working"], COLOURS["bad"], COLOURS["off"]
 _GRID = {"left": 58, "right": 14, "top": 10, "bottom": 24}
@@ -21,13 +21,13 @@ _ERROR_BAR = """(params, api) => {
 }""".replace("COLOUR", _BLUE)
 
 
-def drift_chart(runs: Sequence[tuple[str, str]], series: ParameterSeries) -> ui.echart:
+def drift_chart(runs: Sequence[DatedRun], series: ParameterSeries) -> ui.echart:
     """A parameter over the begin of its runs, with ± 2 σ."""
     points, bars = [], []
-    for (name, began), value, sigma in zip(runs, series.values, series.sigmas, strict=True):
+    for run, value, sigma in zip(runs, series.values, series.sigmas, strict=True):
         if value is not None and sigma is not None:
-            points.append({"value": [began, _short(value)], "name": name})
-            bars.append([began, _short(value - 2 * sigma), _short(value + 2 * sigma)])
+            points.append({"value": [run.began, _short(value)], "name": run.run})
+            bars.append([run.began, _short(value - 2 * sigma), _short(value + 2 * sigma)])
     return _chart(
         {
             "grid": _GRID,

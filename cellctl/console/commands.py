@@ -26,7 +26,7 @@ from cellctl.operations.failure import Failure
 from cellctl.operations.results import as_json, from_json
 from cellctl.operations.run_control import RunOrder, act, resume_detached, start_detached
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, run_named
-from cellctl.operations.run_list import RunRow, run_rows
+from cellctl.operations.run_list import RunSummary, run_rows
 from cellctl.operations.table_actions import Action, TableLook, TableRequest, refuse_confirmation
 
 _tasks: set[asyncio.Task[None]] = set()
@@ -131,21 +131,21 @@ async def retry(operator: Operator, run: Path, *, acknowledged: bool) -> None:
     await console().command(operator, "retry", run.name, work, acknowledged=acknowledged)
 
 
-async def examine(operator: Operator, cell: Path) -> dict[str, Any]:
+async def examine(operator: Operator, cell: Path) -> None:
     """Examine the devices of a cell; nothing moves. Raises InputError while a run is active on it."""
 
-    async def work() -> dict[str, Any]:
+    async def work() -> None:
         if cell in _examined:
             raise InputError(Problem(str(cell), 0, 0, "its devices are being examined already", "wait for the result"))
         _examined.add(cell)
         examinations.call({str(cell)})
         try:
-            return await examine_cell(cell, console().runs)
+            await examine_cell(cell, console().runs)
         finally:
             _examined.discard(cell)
             examinations.call({str(cell)})
 
-    return await console().command(operator, "doctor", cell.stem, work)
+    await console().command(operator, "doctor", cell.stem, work)
 
 
 async def recompute(operator: Operator, what: Literal["replay", "report"], run: Path) -> Job:
@@ -266,13 +266,13 @@ REPORT_CONTENT = (
 """Content-Security-Policy of a report: a page without scripts, which loads nothing."""
 
 
-def live_rows() -> list[RunRow]:
+def live_rows() -> list[RunSummary]:
     """The runs that are known by now, newest first."""
     rows = console().live.rows
-    return [{**row.summary, **({"sentence": str(row.problem.what)} if row.problem else {})} for row in rows]
+    return [replace(row.summary, sentence=row.problem.what) if row.problem else row.summary for row in rows]
 
 
-async def known_rows() -> list[RunRow]:
+async def known_rows() -> list[RunSummary]:
     """All runs, newest first; read from their journals while the console has not followed all of them yet."""
     if console().live.reading:
         return await asyncio.to_thread(run_rows, console().runs)

@@ -14,6 +14,7 @@ from cellctl.facade._views import bars_before_and_after, html_table, number_cell
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import TableFile
 from cellctl.journal import JournalError, fold, read_journal, run_place
+from cellctl.operations.results import as_json
 from cellctl.operations.run_list import run_summary
 from cellctl.report import Run as Content
 from cellctl.report import render
@@ -117,6 +118,6 @@ def open_run(run: str | Path, runs: str | Path = "runs") -> Run:
     place = run_place(Path(run), Path(runs))
     try:
         content = Content.load(place)
-        return Run(content.folder, run_summary(content.folder, fold(read_journal(place))), content)
+        return Run(content.folder, as_json(run_summary(content.folder, fold(read_journal(place)))), content)
     except JournalError as error:
         raise InputError(Problem(str(error.path), 0, 0, error.what, error.cure)) from error

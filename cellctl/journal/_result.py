@@ -93,11 +93,16 @@ class RunResult:
         }
         return cls(**(found | known))
 
+    @property
+    def table_data(self) -> dict[str, Json] | None:
+        """The table that the run pushed, with its state, as JSON has it."""
+        return {**self.table.row.data(), "state": self.table.state} if self.table else None
+
     def to_json(self) -> dict[str, Json]:
         """As `cellctl run --json` prints it: the fields of the section follow the table."""
         content: dict[str, Json] = asdict(self)
         section, _ = content.pop("section"), content.pop("lines")
-        content["table"] = self.table and {**self.table.row.data(), "state": self.table.state}
+        content["table"] = self.table_data
         times = {name: round(content.pop(name), 3) for name in ("simulated_s", "wall_s")}
         error = content.pop("error")
         return {**content, **section, "error": error, **times}

@@ -6,9 +6,9 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Literal, final
 
 from cellctl.clock import calendar_time
 from cellctl.devices import DeviceFault, DeviceLost, DeviceUncertain, DeviceUnreachable
@@ -16,6 +16,8 @@ from cellctl.devices.cell import Cell
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME
+from cellctl.operations.doctor import Examination, Examined, ReportedIdentity
+from cellctl.operations.results import as_json, from_json
 from cellctl.operations.worker import OperationFailed, result_of
 
 DeviceWord = Literal["in order", "failed", "not known"]
@@ -68,13 +70,13 @@ class CellState:
 
 
 def cell_state(
-    cell: Cell, run: tuple[str, RunState] | None, doctor: Mapping[str, Any] | None, *, active: bool = True
+    cell: Cell, run: tuple[str, RunState] | None, doctor: Examination | None, *, active: bool = True
 ) -> CellState:
     """The state of `cell`: from the name and state of the run that is active on it, or was the last one (not `active`);
     from the last `doctor` if there is no run, or none that ended after it.
     """
     listed = {device: str(address) for device, address in cell.addresses.items()}
-    if run and not active and doctor and doctor["at"] >= _ended_at(run[1]):
+    if run and not active and doctor and doctor.at >= _ended_at(run[1]):
         run = None
     if run:
         name, state = run
@@ -83,11 +85,11 @@ def cell_state(
         modes = [health.mode for health in state.health.values()]
         source, at = f"run {name}", state.calendar if active else _ended_at(state)
     else:
-        found = {one["name"]: one for one in doctor["devices"]} if doctor else {}
+        found = {one.name: one for one in doctor.devices} if doctor else {}
         devices = tuple(_examined(device, address, found.get(device)) for device, address in listed.items())
-        inputs = [one.get("inputs", {}) for one in found.values()]
-        modes = [one.get("mode", "") for one in found.values()]
-        source, at = ("doctor", doctor["at"]) if doctor else ("", "")
+        inputs = [one.inputs for one in found.values()]
+        modes = [one.mode for one in found.values()]
+        source, at = ("doctor", doctor.at) if doctor else ("", "")
     emergency_stop, guard, mode = _safety(inputs, modes)
     return CellState(
         cell.name,
@@ -134,7 +136,7 @@ def is_on(state: RunState, cell_text: str) -> bool:
     return state.started is not None and state.started.cell.text == cell_text
 
 
-async def examine_cell(cell: Path, runs: Path) -> dict[str, Any]:
+async def examine_cell(cell: Path, runs: Path) -> None:
     """Examine the cell's devices as `cellctl doctor` does, in another process; nothing moves; `runs` keeps the result.
 
     Raises InputError if a run is active on the cell, or for errors in the cell file.
@@ -143,22 +145,20 @@ async def examine_cell(cell: Path, runs: Path) -> dict[str, Any]:
         what = f"run {active} is active on this cell, and holds its devices"
         raise InputError(Problem(str(cell), 0, 0, what, "examine the cell when the run has ended"))
     try:
-        found = await result_of("examine", {"cell": str(cell)})
+        found = from_json(Examination, await result_of("examine", {"cell": str(cell)}))
     except OperationFailed as error:
         raise InputError(error.failure.problems, error.failure.note) from error
-    result = {**found, "at": calendar_time()}
-    file = _doctor_file(found["cell"], runs)
+    file = _doctor_file(found.cell, runs)
     file.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(file, json.dumps(result, ensure_ascii=False))
-    return result
+    write_atomically(file, json.dumps(as_json(replace(found, at=calendar_time())), ensure_ascii=False))
 
 
-def last_examination(cell: Cell, runs: Path) -> dict[str, Any] | None:
+def last_examination(cell: Cell, runs: Path) -> Examination | None:
     """The last examination of `cell`; None if there is none that is readable."""
     try:
-        found: dict[str, Any] = json.loads(_doctor_file(cell.name, runs).read_text(encoding="utf-8"))
-        return found if found["devices"] is not None and found["at"] else None
-    except (OSError, ValueError, KeyError, TypeError):
+        found = from_json(Examination, json.loads(_doctor_file(cell.name, runs).read_text(encoding="utf-8")))
+        return found if found.at else None
+    except (OSError, ValueError):
         return None
 
 
@@ -200,21 +200,21 @@ def _in_run(device: str, address: str, state: RunState) -> DeviceState:
     )
 
 
-def _examined(device: str, address: str, found: Mapping[str, Any] | None) -> DeviceState:
+def _examined(device: str, address: str, found: Examined | None) -> DeviceState:
     if found is None:
         return DeviceState(device, address)
-    identity = found["identity"] or {}
+    identity = found.identity or ReportedIdentity("", "", "", simulated=False)
     return DeviceState(
         device,
         address,
-        state="in order" if found["healthy"] else "failed",
-        text=found["health"] or "",
-        model=identity.get("model", ""),
-        serial=identity.get("serial", ""),
-        firmware=identity.get("firmware", ""),
-        latency_ms=found["latency_ms"],
-        last_error=found["what"],
-        cure=found["cure"],
+        state="in order" if found.healthy else "failed",
+        text=found.health or "",
+        model=identity.model,
+        serial=identity.serial,
+        firmware=identity.firmware,
+        latency_ms=found.latency_ms,
+        last_error=found.what,
+        cure=found.cure,
     )
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from pydantic import computed_field
 
 from cellctl.calibration import RobotModel
 from cellctl.calibration.distributions import chi2_sf, normal_sf
@@ -43,11 +44,13 @@ class ComparedNumber:
     b: float | None
     sigma: float | None
 
+    @computed_field
     @property
     def difference(self) -> float | None:
         """b less a."""
         return None if self.a is None or self.b is None else self.b - self.a
 
+    @computed_field
     @property
     def significant(self) -> bool | None:
         """Whether the difference is above 2 σ; None without σ."""
@@ -113,6 +116,7 @@ class ModelDifference:
         """Whether σ does not explain the difference, at a level of 5 %."""
         return self.p_value < _LEVEL
 
+    @computed_field
     @property
     def sentence(self) -> str:
         """The result in a sentence."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
+from pydantic import computed_field
 
 from cellctl.calibration import RobotModel
 from cellctl.files import InputError
@@ -18,13 +19,13 @@ from cellctl.journal import fold, read_journal
 from cellctl.operations.comparing_models import (
     ComparedNumber,
     ModelDifference,
-    ParameterChange,
     determined,
     incomparable,
     model_difference,
     significant,
 )
-from cellctl.operations.run_list import ROBOT, RunRow, procedure_name, robot_serial, run_summary
+from cellctl.operations.run_list import ROBOT, RunSummary, newest_first, run_summary
+from cellctl.records import Figures, Json
 
 MODEL = "model.json"
 
@@ -38,6 +39,7 @@ class ComparedFact:
     a: str
     b: str
 
+    @computed_field
     @property
     def same(self) -> bool:
         """Whether it is the same in both."""
@@ -61,36 +63,18 @@ class ComparedFigure(ComparedNumber):
 @final
 @dataclass(frozen=True, slots=True)
 class RunComparison:
-    """Runs a and b: their rows, facts and figures, and the difference of their models; None for the reason `why_not`.
+    """Runs a and b: names, facts and figures, and the difference of their models; None for the reason `why_not`.
 
     notes: what else to know, a sentence each.
     """
 
-    a: RunRow
-    b: RunRow
+    a: str
+    b: str
     facts: tuple[ComparedFact, ...]
     figures: tuple[ComparedFigure, ...]
     models: ModelDifference | None
     why_not: str
     notes: tuple[str, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """As `cellctl show --against --json` shows it."""
-        facts = [{**asdict(each), "same": each.same} for each in self.facts]
-        figures = [_with_difference(each) for each in self.figures]
-        models = None
-        if self.models:
-            changes = [_with_difference(each) for each in self.models.parameters]
-            models = {**asdict(self.models), "parameters": changes, "sentence": self.models.sentence}
-        names = {"a": self.a["run"], "b": self.b["run"]}
-        return {
-            **names,
-            "facts": facts,
-            "figures": figures,
-            "models": models,
-            "why_not": self.why_not,
-            "notes": list(self.notes),
-        }
 
 
 def compare_runs(a: Path, b: Path) -> RunComparison:
@@ -98,7 +82,7 @@ def compare_runs(a: Path, b: Path) -> RunComparison:
     rows = [run_summary(place, fold(read_journal(place))) for place in (a, b)]
     facts = tuple(ComparedFact(name, *(texts.get(name, "–") for texts in map(_facts, rows))) for name in _names(rows))
     models, why_not = _models(a, b)
-    return RunComparison(rows[0], rows[1], facts, tuple(_figures(*rows)), models, why_not, tuple(_notes(*rows)))
+    return RunComparison(a.name, b.name, facts, tuple(_figures(*rows)), models, why_not, tuple(_notes(*rows)))
 
 
 def model_of(place: Path) -> ModelFile | None:
@@ -120,72 +104,66 @@ def _models(a: Path, b: Path) -> tuple[ModelDifference | None, str]:
     return (None, why) if why else (model_difference(first, second), "")
 
 
-def _notes(a: RunRow, b: RunRow) -> Iterator[str]:
-    if robot_serial(a) != robot_serial(b):
+def _notes(a: RunSummary, b: RunSummary) -> Iterator[str]:
+    if a.serial != b.serial:
         yield "The robots are different: a difference of parameters is not a change of one robot."
     if not _same_kind(a, b):
         yield "The procedures are different: their errors before and after are not of the same kind."
 
 
-def _same_kind(a: RunRow, b: RunRow) -> bool:
-    return procedure_name(a) == procedure_name(b)
+def _same_kind(a: RunSummary, b: RunSummary) -> bool:
+    return a.procedure_name == b.procedure_name
 
 
-def _names(rows: Sequence[RunRow]) -> list[str]:
+def _names(rows: Sequence[RunSummary]) -> list[str]:
     """The names of the facts of all rows, once each."""
     return list(dict.fromkeys(name for row in rows for name in _facts(row)))
 
 
-def _facts(row: RunRow) -> dict[str, str]:
-    table = row.get("table") or {}
+def _facts(row: RunSummary) -> dict[str, str]:
     known = {
-        "began": row.get("began"),
-        "procedure": procedure_name(row),
-        "cell": Path(row.get("cell") or "").stem,
-        **{name: _identity(device) for name, device in _robot_first(row.get("devices") or {})},
-        "operator": row.get("operator"),
-        "state": row["state"],
-        "verdict": row.get("verdict"),
-        "points": row.get("points"),
-        "load": row.get("load"),
-        "accuracy profile": row.get("accuracy"),
-        "seed": row.get("seed"),
-        "table": f"{table['id'][:12]}, {row.get('table_state')}" if table else None,
+        "began": row.began,
+        "procedure": row.procedure_name,
+        "cell": Path(row.cell or "").stem,
+        **{name: _identity(device) for name, device in _robot_first(row.devices)},
+        "operator": row.operator,
+        "state": row.state,
+        "verdict": row.verdict,
+        "points": row.points,
+        "load": row.section.get("load"),
+        "accuracy profile": row.section.get("accuracy"),
+        "seed": row.seed,
+        "table": f"{row.table['id'][:12]}, {row.table_state}" if row.table else None,
     }
     return {name: str(value) for name, value in known.items() if value not in (None, "")}
 
 
-def _robot_first(devices: Mapping[str, Any]) -> list[tuple[str, Any]]:
+def _robot_first(devices: Mapping[str, Mapping[str, Json]]) -> list[tuple[str, Mapping[str, Json]]]:
     return sorted(devices.items(), key=lambda pair: pair[0] != ROBOT)
 
 
-def _identity(device: Mapping[str, Any]) -> str:
+def _identity(device: Mapping[str, Json]) -> str:
     return f"{device.get('model', '')}, serial {device.get('serial', '')}".removeprefix(", ")
 
 
-def _figures(a: RunRow, b: RunRow) -> Iterator[ComparedFigure]:
-    for when in ("before", "after"):
-        first, second = (row.get(when) or {} for row in (a, b))
+def _figures(a: RunSummary, b: RunSummary) -> Iterator[ComparedFigure]:
+    for when, first, second in (("before", a.before, b.before), ("after", a.after, b.after)):
         if not first and not second:
             continue
-        sigmas = [_sigma_of_mean(row, when) for row in (a, b)]
+        sigmas = [_sigma_of_mean(first, when, a), _sigma_of_mean(second, when, b)]
         for name in ("mean", "rms", "max"):
             known = name == "mean" and None not in sigmas and _same_kind(a, b)
             sigma = hypot(*(each or 0.0 for each in sigmas)) if known else None
-            yield ComparedFigure(f"{when}, {name}", first.get(name), second.get(name), sigma)
+            yield ComparedFigure(f"{when}, {name}", getattr(first, name, None), getattr(second, name, None), sigma)
 
 
-def _sigma_of_mean(row: RunRow, when: str) -> float | None:
+def _sigma_of_mean(errors: Figures | None, when: str, row: RunSummary) -> float | None:
     """σ of the mean error, mm, from the scatter of its n errors; None where the result does not state n."""
-    figures = row.get(when)
-    for part in row.values():
+    figures = errors and asdict(errors)
+    for part in row.section.values():
         if figures and isinstance(part, Mapping) and part.get(when) == figures and int(part.get("n") or 0) > 1:
             return sqrt(max(figures["rms"] ** 2 - figures["mean"] ** 2, 0.0) / (part["n"] - 1))
     return None
-
-
-def _with_difference(each: ComparedFigure | ParameterChange) -> dict[str, Any]:
-    return {**asdict(each), "difference": each.difference, "significant": each.significant}
 
 
 _DAYS = 30.0
@@ -209,6 +187,7 @@ class ParameterSeries:
     slope: float | None = None
     slope_sigma: float | None = None
 
+    @computed_field
     @property
     def drifts(self) -> bool | None:
         """Whether the trend is above 2 σ; None without a trend."""
@@ -217,48 +196,57 @@ class ParameterSeries:
 
 @final
 @dataclass(frozen=True, slots=True)
+class DatedRun:
+    """Name and begin (UTC, ISO 8601) of a run."""
+
+    run: str
+    began: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class LeftOutRun:
+    """Name of a run that is left out, and why."""
+
+    run: str
+    why: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
 class ParameterDrift:
-    """Models of the robot `serial`, oldest first. runs: name and begin (ISO 8601); left_out: name, and why."""
+    """Models of the robot `serial`, oldest first, and the runs that are left out."""
 
     serial: str
-    runs: tuple[tuple[str, str], ...]
+    runs: tuple[DatedRun, ...]
     parameters: tuple[ParameterSeries, ...]
-    left_out: tuple[tuple[str, str], ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """As JSON has it."""
-        runs = [{"run": name, "began": began} for name, began in self.runs]
-        left_out = [{"run": name, "why": why} for name, why in self.left_out]
-        parameters = [{**asdict(each), "drifts": each.drifts} for each in self.parameters]
-        return {"serial": self.serial, "runs": runs, "parameters": parameters, "left_out": left_out}
+    left_out: tuple[LeftOutRun, ...]
 
 
-def parameter_drift(runs: Path, rows: Iterable[RunRow], serial: str, names: Collection[str] = ()) -> ParameterDrift:
+def parameter_drift(runs: Path, rows: Iterable[RunSummary], serial: str, names: Collection[str] = ()) -> ParameterDrift:
     """The drift of parameters of the robot `serial` over its runs among `rows`, in the folder `runs`.
 
     names: of the parameters; none: all that the rows of a model determine. Base and tool are left out: they change with
     the set-up. A model of another nominal robot than the latest one is left out.
     """
-    own = sorted(
-        (row for row in rows if robot_serial(row) == serial), key=lambda row: (str(row.get("began") or ""), row["run"])
-    )
-    found: list[tuple[RunRow, ModelFile]] = []
-    left_out: list[tuple[str, str]] = []
+    own = reversed(newest_first(row for row in rows if row.serial == serial))
+    found: list[tuple[RunSummary, ModelFile]] = []
+    left_out: list[LeftOutRun] = []
     for row in own:
         try:
-            model = model_of(runs / row["run"])
+            model = model_of(runs / row.run)
         except InputError as error:
-            left_out.append((row["run"], str(error)))
+            left_out.append(LeftOutRun(row.run, str(error)))
         else:
             found += [(row, model)] if model else []
     if not found:
         return ParameterDrift(serial, (), (), tuple(left_out))
     last = found[-1][1]
-    left_out += [(row["run"], incomparable(model, last)) for row, model in found if incomparable(model, last)]
+    left_out += [LeftOutRun(row.run, incomparable(model, last)) for row, model in found if incomparable(model, last)]
     found = [(row, model) for row, model in found if not incomparable(model, last)]
-    began = [str(row["began"]) for row, _ in found]
-    series = _series([model for _, model in found], began, names)
-    return ParameterDrift(serial, tuple((row["run"], str(row["began"])) for row, _ in found), series, tuple(left_out))
+    dated = tuple(DatedRun(row.run, str(row.began)) for row, _ in found)
+    series = _series([model for _, model in found], [each.began for each in dated], names)
+    return ParameterDrift(serial, dated, series, tuple(left_out))
 
 
 def _series(models: Sequence[ModelFile], began: Sequence[str], names: Collection[str]) -> tuple[ParameterSeries, ...]:

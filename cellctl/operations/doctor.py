@@ -7,14 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
-from typing import Any, final
+from typing import Annotated, Any, final
+
+from pydantic import Field
 
 from cellctl.clock import Clock
-from cellctl.devices import CellIO, Device, DeviceError, DeviceUnreachable, Health, Identity
+from cellctl.devices import CellIO, Device, DeviceError, DeviceUnreachable
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.operations.cell_devices import DeviceLocks, open_devices, powered, require_cells, tell_targets
+from cellctl.operations.results import as_json
 from cellctl.operations.worker import Tell
+from cellctl.records import Json
 
 _ANSWER_S = 30.0
 """Longest wait for one device, in the cell's time."""
@@ -37,83 +41,62 @@ class ClockFit:
 
 @final
 @dataclass(frozen=True)
-class Examined:
-    """What was found of one device. `identity`: None if it could not be read. `what`, `cure`: if it is not healthy.
+class ReportedIdentity:
+    """What a device reported of itself, see `Identity`."""
 
-    `latency_ms`: from a request to its answer in the cell's time, None if its driver does not report it. `clock`: None
-    if the driver maps no clock, or has not mapped it yet. `inputs`: of the cell's PLC, by name.
+    serial: str
+    model: str
+    firmware: str
+    simulated: bool
+
+
+@final
+@dataclass(frozen=True)
+class Examined:
+    """What was found of one device. `healthy`: it answered, and reports that it is in order; else `what` and `cure`.
+
+    `identity`: None if it could not be read. `latency_ms`: from a request to its answer in the cell's time, None if its
+    driver does not report it. `clock`: None if the driver maps no clock, or has not mapped it yet. `health`, `figures`,
+    `mode`: as of `Health`; None and empty if not read. `inputs`: of the cell's PLC, by name.
     """
 
     name: str
     address: str
-    identity: Identity | None = None
-    health: Health | None = None
+    healthy: bool = False
+    identity: ReportedIdentity | None = None
     latency_ms: float | None = None
     clock: ClockFit | None = None
+    health: str | None = None
+    figures: Mapping[str, Json] = field(default_factory=dict)
+    mode: str = ""
     inputs: Mapping[str, bool] = field(default_factory=dict)
     what: str = ""
     cure: str = ""
-
-    @property
-    def healthy(self) -> bool:
-        """Whether it answered, and reports that it is in order."""
-        return self.health is not None and self.health.ok and not self.what
-
-    def dump(self) -> dict[str, Any]:
-        """As JSON has it."""
-        identity, clock = self.identity, self.clock
-        return {
-            "name": self.name,
-            "address": self.address,
-            "healthy": self.healthy,
-            "identity": identity
-            and {
-                "serial": identity.serial,
-                "model": identity.model,
-                "firmware": identity.firmware,
-                "simulated": identity.simulated,
-            },
-            "latency_ms": self.latency_ms,
-            "clock": clock and vars(clock),
-            "health": self.health.text if self.health else None,
-            "figures": self.health.figures if self.health else {},
-            "mode": self.health.mode if self.health else "",
-            "inputs": dict(self.inputs),
-            "what": self.what,
-            "cure": self.cure,
-        }
 
 
 @final
 @dataclass(frozen=True)
 class Examination:
-    """A cell's devices, examined one by one."""
+    """A cell's devices, examined one by one; healthy: each of them is. at: UTC, of one that is kept beside the runs."""
 
     cell: str
     simulated: bool
+    healthy: bool
     devices: tuple[Examined, ...]
-
-    @property
-    def healthy(self) -> bool:
-        """Whether every device answered, and reports that it is in order."""
-        return all(one.healthy for one in self.devices)
-
-    def to_json(self) -> dict[str, Any]:
-        """As JSON has it."""
-        devices = [one.dump() for one in self.devices]
-        return {"cell": self.cell, "simulated": self.simulated, "healthy": self.healthy, "devices": devices}
+    at: Annotated[str, Field(exclude_if=lambda at: not at)] = ""
 
 
 async def examination(cell: Cell, drivers: DriverRegistry, seed: int | None = None) -> Examination:
     """Every device of the cell, examined (see `examine`)."""
     require_cells()
-    return Examination(cell.name, cell.simulated, await examine(cell, drivers, seed))
+    devices = await examine(cell, drivers, seed)
+    return Examination(cell.name, cell.simulated, all(one.healthy for one in devices), devices)
 
 
 def examine_requested(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """The operation of the worker: the devices of the `cell` file, examined."""
     drivers = DriverRegistry()
-    return asyncio.run(examination(Cell.load(Path(request["cell"]), drivers), drivers)).to_json()
+    return as_json(asyncio.run(examination(Cell.load(Path(request["cell"]), drivers), drivers)))
 
 
 async def examine(cell: Cell, drivers: DriverRegistry, seed: int | None = None) -> tuple[Examined, ...]:
@@ -145,7 +128,8 @@ async def _meet(device: Device, cell: Cell, clock: Clock, locks: DeviceLocks) ->
         async with clock.timeout(_ANSWER_S):
             identity = await device.connect()
         locks.meet(identity)
-        return replace(one, identity=identity)
+        reported = ReportedIdentity(identity.serial, identity.model, identity.firmware, identity.simulated)
+        return replace(one, identity=reported)
     except Exception as error:  # a driver's own mistake too: the other devices are examined all the same
         return _failed(one, error)
 
@@ -166,10 +150,13 @@ async def _look_at(one: Examined, device: Device, clock: Clock) -> Examined:
     latencies = [look.figures["latency_ms"] for look in looks if "latency_ms" in look.figures]
     return replace(
         one,
-        health=health,
+        healthy=health.ok,
+        health=health.text,
+        figures=health.figures,
+        mode=health.mode,
         latency_ms=median(latencies) if latencies else None,
         clock=_clock_fit(health.figures),
-        inputs=inputs,
+        inputs=dict(inputs),
         what="" if health.ok else health.text,
         cure="" if health.ok else _CURE,
     )

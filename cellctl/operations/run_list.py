@@ -1,18 +1,21 @@
-"""The runs of a folder: one in figures and how it ended early (JSON of `cellctl show`), all as rows, their search."""
+"""The runs of a folder: one in figures (JSON: that of `cellctl show`) and how it ended early, all as rows, a search."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self, TypeAlias, final
+from typing import Self, final
+
+from pydantic import SerializerFunctionWrapHandler, model_serializer
 
 from cellctl.files import InputError
 from cellctl.journal import JournalError, Outcome, RunEnded, RunResult, RunState, fold, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME
 from cellctl.operations.run_folder import OUTPUT_NAME, never_began, table_line
+from cellctl.records import Figures, Json
 
 _FAILED = (Outcome.FAILED, Outcome.TIMED_OUT)
 _HEADS = {"uncertain": "Uncertain state, look at the cell"}
@@ -119,48 +122,108 @@ def is_simulated(state: RunState) -> bool:
     return reported or bool(state.started and _SIMULATE.search(state.started.cell.text))
 
 
-def run_summary(place: Path, state: RunState) -> dict[str, Any]:
+ROBOT = "robot"
+"""Name of the robot among a cell's devices."""
+
+_UNWRITTEN = ("run", "began", "state", "procedure", "sentence", "problem", "cure")
+"""What can be known of a run without a readable journal, in the order of its JSON."""
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSummary:
+    """A run, in the order of its JSON, in which the fields of `section` are among the others.
+
+    Of an unreadable run `run`, `began`, `state` (`unreadable`) and `sentence` are known; of one without a journal
+    (`not begun`) `procedure`, `problem` and `cure` too. began: UTC, ISO 8601. procedure, cell: paths of the files.
+    devices: identities by name. before, after: measured held-out errors, mm. table: the one that was pushed.
+    section: what only this kind of campaign has. cell_s: duration in the cell's time, s.
+    """
+
+    run: str
+    began: str | None = None
+    procedure: str | None = None
+    cell: str | None = None
+    simulated: bool = False
+    operator: str | None = None
+    devices: Mapping[str, Mapping[str, Json]] = field(default_factory=dict)
+    state: str
+    points: int | None = None
+    attempts: int | None = None
+    verdict: str | None = None
+    before: Figures | None = None
+    after: Figures | None = None
+    table: Mapping[str, Json] | None = None
+    sentence: str | None = None
+    problem: str | None = None
+    cure: str | None = None
+    table_state: str | None = None
+    table_words: str | None = None
+    process: str | None = None
+    section: Mapping[str, Json] = field(default_factory=dict)
+    lines: tuple[str, ...] = ()
+    reason: str | None = None
+    cell_s: float | None = None
+    seed: int | None = None
+    clock: str | None = None
+
+    @model_serializer(mode="wrap")
+    def _flat(self, handler: SerializerFunctionWrapHandler) -> dict[str, Json]:
+        content = handler(self)
+        if self.cell_s is None:
+            return {name: content[name] for name in _UNWRITTEN if content[name] is not None}
+        parts = (part if name == "section" else {name: part} for name, part in content.items())
+        return {name: value for part in parts for name, value in part.items()}
+
+    @property
+    def serial(self) -> str:
+        """Serial of the run's robot, as it reported it; empty if none was connected."""
+        return str(self.devices.get(ROBOT, {}).get("serial", ""))
+
+    @property
+    def procedure_name(self) -> str:
+        """Name of the run's procedure: its file's, without suffix; empty without one."""
+        return Path(self.procedure or "").stem
+
+
+def run_summary(place: Path, state: RunState) -> RunSummary:
     """The run in folder `place`, whose journal has the state `state`."""
     result = RunResult.of(place.name, state)
-    content = result.to_json()
     writer = writer_of(place)
     end = RunEnd.of(place, state, running=bool(writer))
-    return {
-        "run": place.name,
-        "began": state.started.calendar if state.started else None,
-        "procedure": state.started.procedure.path if state.started else None,
-        "cell": state.started.cell.path if state.started else None,
-        "simulated": is_simulated(state),
-        "operator": state.started.operator if state.started else None,
-        "devices": {name: dict(identity) for name, identity in state.identities.items()},
-        "state": state.state_if(running=bool(writer)),
-        "points": result.points,
-        "attempts": sum(step.attempt for step in state.steps.values()),
-        **{name: content[name] for name in ("verdict", "before", "after", "table")},
-        "sentence": content["sentence"] or (end.sentence if end else None),
-        "problem": end.problem if end else None,
-        "cure": end.cure if end else None,
-        "table_state": result.table.state if result.table else None,
-        "table_words": table_line(state, place) or None,
-        "process": writer.pid if writer else None,
-        **result.section,
-        "lines": result.lines,
-        "reason": state.ended.reason if state.ended else None,
-        "cell_s": round((state.last_ns - state.first_ns) * 1e-9, 3),
-        "seed": state.started.seed if state.started else None,
-        "clock": state.started.clock if state.started else None,
-    }
+    started = state.started
+    return RunSummary(
+        run=place.name,
+        began=started.calendar if started else None,
+        procedure=started.procedure.path if started else None,
+        cell=started.cell.path if started else None,
+        simulated=is_simulated(state),
+        operator=started.operator if started else None,
+        devices=state.identities,
+        state=state.state_if(running=bool(writer)),
+        points=result.points,
+        attempts=sum(step.attempt for step in state.steps.values()),
+        verdict=result.verdict,
+        before=result.before,
+        after=result.after,
+        table=result.table_data,
+        sentence=result.sentence or (end.sentence if end else None),
+        problem=end.problem if end else None,
+        cure=end.cure if end else None,
+        table_state=result.table.state if result.table else None,
+        table_words=table_line(state, place) or None,
+        process=writer.pid if writer else None,
+        section=result.section,
+        lines=result.lines,
+        reason=state.ended.reason if state.ended else None,
+        cell_s=round((state.last_ns - state.first_ns) * 1e-9, 3),
+        seed=started.seed if started else None,
+        clock=started.clock if started else None,
+    )
 
 
 _RUN = re.compile(r".+-\d{8}T\d{6}Z(-\d+)?")
 """Name of a run's folder, as `new_run_folder` makes it."""
-
-RunRow: TypeAlias = Mapping[str, Any]
-"""A run as `run_summary` has it; of an unreadable one `run`, `began`, `state` (`unreadable`) and `sentence`;
-of one without a journal (`not begun`) `procedure`, `problem` and `cure` too."""
-
-ROBOT = "robot"
-"""Name of the robot among a cell's devices."""
 
 
 @final
@@ -181,77 +244,67 @@ class RunFilter:
     since: str = ""
     until: str = ""
 
-    def keeps(self, row: RunRow) -> bool:
+    def keeps(self, row: RunSummary) -> bool:
         """Whether the run of `row` is what is asked for."""
-        began = str(row.get("began") or "")
+        began = row.began or ""
         return (
             all(word in _text(row) for word in self.text.casefold().split())
-            and _same(self.state, row["state"])
-            and _same(self.verdict, row.get("verdict"))
-            and _same(self.serial, robot_serial(row))
-            and _same(self.procedure, procedure_name(row))
+            and _same(self.state, row.state)
+            and _same(self.verdict, row.verdict)
+            and _same(self.serial, row.serial)
+            and _same(self.procedure, row.procedure_name)
             and (not self.since or began >= self.since)
             and (not self.until or (bool(began) and began[: len(self.until)] <= self.until))
         )
 
 
-def run_rows(runs: Path, asked: RunFilter | None = None) -> list[RunRow]:
+def run_rows(runs: Path, asked: RunFilter | None = None) -> list[RunSummary]:
     """The runs in the folder `runs`, newest first; those that `asked` keeps. Raises OSError."""
     rows = [run_row(journal.parent) for journal in runs.glob(f"*/{FILE_NAME}")]
     rows += [_unborn(folder) for folder in runs.glob("*-*") if _RUN.fullmatch(folder.name) and never_began(folder)]
     return [row for row in newest_first(rows) if asked is None or asked.keeps(row)]
 
 
-def run_row(place: Path) -> RunRow:
+def run_row(place: Path) -> RunSummary:
     """The run in the folder `place`."""
     journal = place / "journal.sqlite"
     try:
         return run_summary(place, fold(read_journal(journal)))
     except (JournalError, InputError) as error:
         sentence = error.what if isinstance(error, JournalError) else str(error)
-        return {"run": place.name, "began": _changed(journal), "state": "unreadable", "sentence": sentence}
+        return RunSummary(run=place.name, began=_changed(journal), state="unreadable", sentence=sentence)
 
 
-def _unborn(place: Path) -> RunRow:
+def _unborn(place: Path) -> RunSummary:
     """A run without a journal; its folder has the name of the procedure, and its time."""
     output = place / OUTPUT_NAME
     said = output.read_text(encoding="utf-8", errors="replace").strip() if output.is_file() else ""
-    return {
-        "run": place.name,
-        "began": _changed(place),
-        "state": "not begun",
-        "procedure": place.name.rpartition("Z")[0].rpartition("-")[0],
-        "sentence": "It has no journal: it ended before it began, or is beginning. Nothing was moved.",
-        "problem": said.removeprefix("cellctl: ") or "it ended before it began",
-        "cure": "start it again",
-    }
+    return RunSummary(
+        run=place.name,
+        began=_changed(place),
+        state="not begun",
+        procedure=place.name.rpartition("Z")[0].rpartition("-")[0],
+        sentence="It has no journal: it ended before it began, or is beginning. Nothing was moved.",
+        problem=said.removeprefix("cellctl: ") or "it ended before it began",
+        cure="start it again",
+    )
 
 
 def _changed(path: Path) -> str:
     return datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def newest_first(rows: Iterable[RunRow]) -> list[RunRow]:
+def newest_first(rows: Iterable[RunSummary]) -> list[RunSummary]:
     """The rows by their begin, the last one first."""
-    return sorted(rows, key=lambda row: (str(row.get("began") or ""), row["run"]), reverse=True)
+    return sorted(rows, key=lambda row: (row.began or "", row.run), reverse=True)
 
 
-def robot_serial(row: RunRow) -> str:
-    """Serial of the run's robot, as it reported it; empty if none was connected."""
-    return str(row.get("devices", {}).get(ROBOT, {}).get("serial", ""))
+def _same(asked: str, found: str | None) -> bool:
+    return not asked or asked.casefold() == (found or "").casefold()
 
 
-def procedure_name(row: RunRow) -> str:
-    """Name of the run's procedure: its file's, without suffix; empty without one."""
-    return Path(row.get("procedure") or "").stem
-
-
-def _same(asked: str, found: object) -> bool:
-    return not asked or asked.casefold() == str(found or "").casefold()
-
-
-def _text(row: RunRow) -> str:
-    names = ("run", "began", "procedure", "cell", "operator", "state", "verdict", "sentence", "table_state")
-    devices = (part for device in row.get("devices", {}).values() for part in device.values())
-    table = (row.get("table") or {}).get("id")
-    return " ".join(str(part) for part in (*(row.get(name) for name in names), table, *devices) if part).casefold()
+def _text(row: RunSummary) -> str:
+    own = (row.run, row.began, row.procedure, row.cell, row.operator, row.state, row.verdict, row.sentence)
+    table = (row.table_state, (row.table or {}).get("id"))
+    devices = (part for device in row.devices.values() for part in device.values())
+    return " ".join(str(part) for part in (*own, *table, *devices) if part).casefold()

@@ -43,7 +43,8 @@ def _progress(tell: Tell) -> Progress:
 
 def replay(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Replay the run in the folder `place`."""
-    return replay_run(Path(request["place"]), lambda step: tell({"doing": f"computing {step}", "share": 0.0})).to_json()
+    place = Path(request["place"])
+    return as_json(replay_run(place, lambda step: tell({"doing": f"computing {step}", "share": 0.0})))
 
 
 def report(request: dict[str, Any], tell: Tell) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,7 @@ from cellctl.journal import (
     read_journal,
 )
 from cellctl.operations.cell_state import cell_state, examine_cell, last_examination, last_run_on, run_on
+from cellctl.operations.doctor import Examination, Examined
 from tests.helpers.runs import CELL
 
 WHO = {"serial": "925185", "model": "KUKA KR5", "firmware": "8.6", "simulated": True}
@@ -77,8 +79,8 @@ def test_the_active_run_tells_identity_health_latency_last_error_and_the_safety_
 def test_after_a_run_the_cell_is_shown_as_that_run_saw_it_last_unless_it_was_examined_since(
     cell: Cell, tmp_path: Path
 ) -> None:
-    well = {"name": "robot", "healthy": True, "identity": None, "health": "READY", "latency_ms": 4.0}
-    doctor = {"devices": [{**well, "what": "", "cure": ""}], "at": "2026-01-02T03:00:00Z"}
+    well = Examined("robot", "", healthy=True, health="READY", latency_ms=4.0)
+    doctor = Examination(cell.name, simulated=True, healthy=True, devices=(well,), at="2026-01-02T03:00:00Z")
     with journal_on(tmp_path / "run") as journal:
         journal.append(DevicesConnected({"robot": WHO, "probe": WHO}))
         journal.append(DeviceHealth("robot", True, "EXT, READY", 4.0, "EXT"))
@@ -87,7 +89,7 @@ def test_after_a_run_the_cell_is_shown_as_that_run_saw_it_last_unless_it_was_exa
     state = cell_state(cell, last_run_on(cell, tmp_path), doctor, active=False)
     assert (state.source, state.at, state.run) == ("run run", "2026-01-02T03:10:00Z", "")
     assert (state.devices[0].state, state.devices[0].text, state.emergency_stop) == ("failed", "EMERGENCY STOP", "open")
-    later = cell_state(cell, last_run_on(cell, tmp_path), {**doctor, "at": "2026-01-02T03:11:00Z"}, active=False)
+    later = cell_state(cell, last_run_on(cell, tmp_path), replace(doctor, at="2026-01-02T03:11:00Z"), active=False)
     assert (later.source, later.devices[0].state) == ("doctor", "in order")
 
 

@@ -143,7 +143,7 @@ def test_a_parameter_that_grows_from_month_to_month_drifts_and_the_others_do_not
     with_models(tmp_path, 0.0, 0.11, 0.19, 0.32, 0.39)
     run_in(tmp_path, "other", "2026-03-10", "111111")
     drift = parameter_drift(tmp_path, run_rows(tmp_path), "925185")
-    assert [name for name, _ in drift.runs] == [f"run-{month}" for month in range(1, 6)]
+    assert [each.run for each in drift.runs] == [f"run-{month}" for month in range(1, 6)]
     by_name = {each.name: each for each in drift.parameters}
     assert by_name["a4"].values == pytest.approx((0.0, 0.11, 0.19, 0.32, 0.39))
     assert by_name["a4"].slope == pytest.approx(0.1, rel=0.1)

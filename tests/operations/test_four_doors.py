@@ -18,6 +18,7 @@ import cellctl
 from cellctl.console.commands import live_rows
 from cellctl.formats import TableFile
 from cellctl.operations import analyses
+from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.results import as_json
 from cellctl.operations.table import TableRecorder
 from cellctl.operations.table_history import TableHistory, table_overview
@@ -84,7 +85,7 @@ def test_runs(doors: Doors) -> None:
     listed = [without_empty(row) for row in doors.by_command("runs", "--runs", doors.runs)["runs"]]
     assert [row["run"] for row in listed] == list(reversed(RUNS))
     assert [without_empty(row) for row in doors.by_api("runs")] == listed
-    assert [without_empty(json.loads(json.dumps(row))) for row in live_rows()] == listed
+    assert [without_empty(as_json(row)) for row in live_rows()] == listed
 
 
 @pytest.mark.parametrize("name", RUNS)
@@ -98,6 +99,13 @@ def test_one_run(doors: Doors, name: str) -> None:
 def test_two_runs_compared(doors: Doors) -> None:
     compared = doors.by_command("show", RUNS[0], "--against", RUNS[1], "--runs", doors.runs)
     assert doors.by_api("compare", a=RUNS[0], b=RUNS[1]) == compared
+    assert as_json(compare_runs(*(doors.runs / name for name in RUNS))) == compared
+
+
+def test_the_drift_of_a_robots_parameters(doors: Doors) -> None:
+    by_api = doors.by_api("drift", serial=SERIAL)
+    assert [each["run"] for each in by_api["runs"]] == list(RUNS)
+    assert as_json(parameter_drift(doors.runs, live_rows(), SERIAL)) == by_api
 
 
 def test_the_history_of_a_controllers_tables(doors: Doors) -> None:

@@ -33,7 +33,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def names(runs: Path, **asked: str) -> list[str]:
-    return [row["run"] for row in run_rows(runs, RunFilter(**asked)) if row["run"] != UNBORN]
+    return [row.run for row in run_rows(runs, RunFilter(**asked)) if row.run != UNBORN]
 
 
 def test_runs_are_listed_newest_first_by_when_they_began_and_not_by_when_the_files_were_copied(runs: Path) -> None:
@@ -42,13 +42,13 @@ def test_runs_are_listed_newest_first_by_when_they_began_and_not_by_when_the_fil
 
 def test_an_unreadable_run_is_listed_with_what_is_wrong(runs: Path) -> None:
     (row,) = run_rows(runs, RunFilter(state="unreadable"))
-    assert row["run"] == "torn"
-    assert row["sentence"]
+    assert row.run == "torn"
+    assert row.sentence
 
 
 def test_a_run_that_ended_before_its_journal_existed_is_listed_with_its_output(runs: Path) -> None:
     (row,) = run_rows(runs, RunFilter(procedure="sphere_selfcal"))
-    assert (row["run"], row["state"], row["problem"]) == (UNBORN, "not begun", "simulator: did not start")
+    assert (row.run, row.state, row.problem) == (UNBORN, "not begun", "simulator: did not start")
 
 
 @pytest.mark.parametrize(

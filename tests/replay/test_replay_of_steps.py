@@ -17,6 +17,7 @@ from cellctl.journal import Journal, JournalError, RunStarted, RunState, SourceF
 from cellctl.operations.launch import code_hash, sources, versions
 from cellctl.operations.replay import Agreement, FolderFile, Replay, replay_run
 from cellctl.operations.replay._run import same_within_tolerance
+from cellctl.operations.results import as_json
 from cellctl.procedure import (
     NoInputs,
     StepContext,
@@ -206,7 +207,7 @@ def test_a_file_that_was_edited_after_the_run_is_named_with_its_first_byte_and_t
     found = replayed(folder)
     copied = file_of(found, "enough.again")
     assert copied.replayed_equal
-    assert copied.confirmed is Agreement.DIFFERENT
+    assert copied.agreement is Agreement.DIFFERENT
     assert found.agreement is Agreement.DIFFERENT
     assert copied.first is not None
     assert copied.first.byte == text.index("SIM-1") + 5
@@ -328,7 +329,7 @@ def test_a_run_of_another_processor_is_equal_within_the_tolerance_though_no_byte
     assert file_of(found, "enough.again").agreement is Agreement.WITHIN_TOLERANCE
     assert not file_of(found, "enough.again").replayed_equal
     assert "BLAS openblas 0.3.30 Nehalem → " in found.changed[0]
-    assert found.to_json()["agreement"] == "equal within the stated tolerance (other processor or library)"
+    assert as_json(found)["agreement"] == "equal within the stated tolerance (other processor or library)"
 
 
 def test_last_digits_that_no_other_processor_or_library_explains_are_not_equal(tmp_path):

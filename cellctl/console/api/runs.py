@@ -20,6 +20,7 @@ from cellctl.files import InputError
 from cellctl.installed import History, histories
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.export import Form
+from cellctl.operations.results import as_json
 from cellctl.operations.run_folder import run_file, run_files, run_named
 from cellctl.operations.run_list import RunFilter, run_row
 
@@ -92,13 +93,13 @@ async def list_runs(
 ) -> list[RunOut]:
     """The runs, newest first."""
     asked = RunFilter(text, state, verdict, serial, procedure, since, until)
-    return [RunOut(**row) for row in await known_rows() if asked.keeps(row)]
+    return [RunOut(**as_json(row)) for row in await known_rows() if asked.keeps(row)]
 
 
 @router.get("/runs/{name}/result", responses=READS)
 async def result(name: RunName) -> RunOut:
     """A run in figures."""
-    return RunOut(**await asyncio.to_thread(run_row, run_place(name)))
+    return RunOut(**as_json(await asyncio.to_thread(run_row, run_place(name))))
 
 
 @router.get("/runs/{name}/files", responses=READS)
@@ -156,7 +157,7 @@ async def job(
 async def compare(a: Annotated[str, _text("First run")], b: Annotated[str, _text("Second run")]) -> dict[str, Any]:
     """Two runs side by side: facts, errors (mm), and parameters of their models with the difference and its 1 σ."""
     first, second = run_place(a), run_place(b)
-    return (await asyncio.to_thread(compare_runs, first, second)).to_json()
+    return as_json(await asyncio.to_thread(compare_runs, first, second))
 
 
 @router.get("/drift", responses=READS)
@@ -166,7 +167,7 @@ async def drift(
 ) -> dict[str, Any]:
     """Parameters of one robot's models over its runs, with their trends for 30 days; by default all determined ones."""
     rows = await known_rows()
-    return (await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter)).to_json()
+    return as_json(await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter))
 
 
 def _add(history: History) -> None:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Set
+from collections.abc import AsyncIterator, Awaitable, Callable, Set
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Self, final
+from typing import Self, final
 
 from cellctl.console.live._run import UNREADABLE, Found, LiveRun, Snapshot, Stamp, stamp, stamps, unexpected
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, RunState, fold, read_journal, writer_of
 from cellctl.journal.journal_file import LOCK_NAME
-from cellctl.operations.run_list import run_summary
+from cellctl.operations.run_list import RunSummary, run_summary
 from cellctl.procedure import StepRegistry
 
 
@@ -101,13 +101,13 @@ def _changed_ns(found: RunStamp) -> int:
 class RunRow:
     """A run in the list of runs.
 
-    `summary`: as `cellctl show --json`; of an unreadable run only `run` and `state`. `active`: it is in progress.
+    `summary`: of an unreadable run only `run` and `state`. `active`: it is in progress.
     `problem`: why it cannot be read. `events`: number of the last event that it contains.
     """
 
     run: str
     folder: Path
-    summary: Mapping[str, Any]
+    summary: RunSummary
     active: bool = False
     problem: Problem | None = None
     events: int = 0
@@ -115,12 +115,12 @@ class RunRow:
     @property
     def began(self) -> str:
         """When it began, UTC, ISO 8601; empty if unknown."""
-        return str(self.summary.get("began") or "")
+        return self.summary.began or ""
 
     @property
     def state(self) -> str:
         """Its state."""
-        return str(self.summary["state"])
+        return self.summary.state
 
     @classmethod
     def of_folder(cls, folder: Path) -> Self:
@@ -148,7 +148,7 @@ class RunRow:
 
     @classmethod
     def _unreadable(cls, folder: Path, problem: Problem) -> Self:
-        return cls(folder.name, folder, {"run": folder.name, "state": UNREADABLE}, problem=problem)
+        return cls(folder.name, folder, RunSummary(run=folder.name, state=UNREADABLE), problem=problem)
 
 
 _LONGEST = 255
@@ -259,7 +259,7 @@ class LiveRuns:
         if live is None or not live.snapshot.events:
             return
         row, now = self._rows.get(live.name), live.snapshot
-        before = row and (row.active, row.state, row.summary.get("process"), row.summary.get("verdict") or "")
+        before = row and (row.active, row.state, row.summary.process, row.summary.verdict or "")
         if before == (now.active, now.status.state, now.status.process, now.verdict):
             self._stale.add(live.name)
         else:

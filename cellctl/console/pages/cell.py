@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from datetime import datetime
 from pathlib import Path
-from typing import Any, final
+from typing import final
 from urllib.parse import quote
 
 from fastapi import Request
@@ -22,6 +22,7 @@ from cellctl.files import InputError
 from cellctl.journal import RunState
 from cellctl.operations.cell_state import CellState, DeviceState, cell_state, is_on, last_examination, last_run_on
 from cellctl.operations.checking import FileChoice, choices
+from cellctl.operations.doctor import Examination
 
 _DEVICE: dict[str, State] = {"in order": "good", "failed": "bad", "not known": "unknown"}
 _CHAIN: dict[str, State] = {"closed": "good", "open": "bad", "not known": "unknown"}
@@ -71,7 +72,7 @@ def _choice(found: dict[str, FileChoice], chosen: FileChoice) -> None:
 class _CellPage:
     def __init__(self, cell: Cell, file: Path) -> None:
         self._cell, self._file = cell, file
-        self._doctor: dict[str, Any] | None = None
+        self._doctor: Examination | None = None
         self._last: tuple[str, RunState] | None = None
         with ui.element("div").classes("row"):
             self._examine = command_button("Examine devices", self._on_examine, icon="troubleshoot", important=True)

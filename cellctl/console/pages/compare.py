@@ -34,7 +34,7 @@ from cellctl.operations.comparing_runs import (
 )
 from cellctl.operations.failure import Failure
 from cellctl.operations.run_folder import run_named
-from cellctl.operations.run_list import RunRow, robot_serial
+from cellctl.operations.run_list import RunSummary
 from cellctl.report.figures import fixed, with_sigma
 
 _MOST_CHARTS = 12
@@ -43,9 +43,9 @@ _MOST_CHARTS = 12
 @ui.page("/compare", response_timeout=30.0)
 async def compare(a: str = "", b: str = "") -> None:
     """Two runs side by side."""
-    rows = [row for row in await known_rows() if row["state"] != "unreadable"]
+    rows = [row for row in await known_rows() if row.state != "unreadable"]
     with frame("Compare runs", "/runs"):
-        _choice([row["run"] for row in rows], a, b)
+        _choice([row.run for row in rows], a, b)
         if a and b:
             await _comparison(a, b)
         await _drift(rows, a)
@@ -142,11 +142,11 @@ def _cells(each: ParameterChange) -> list[str]:
     ]
 
 
-async def _drift(rows: list[RunRow], a: str) -> None:
-    serials = sorted({robot_serial(row) for row in rows} - {""})
+async def _drift(rows: list[RunSummary], a: str) -> None:
+    serials = sorted({row.serial for row in rows} - {""})
     if not serials:
         return
-    own = next((robot_serial(row) for row in rows if row["run"] == a), "")
+    own = next((row.serial for row in rows if row.run == a), "")
     note = "Parameters that the rows determine, in all runs of one robot that have a model. Base and tool are left out."
     with section("Drift of parameters", note=note):
         view = _DriftView(rows)
@@ -160,7 +160,7 @@ async def _drift(rows: list[RunRow], a: str) -> None:
 class _DriftView:
     """The drift of the chosen robot."""
 
-    def __init__(self, rows: list[RunRow]) -> None:
+    def __init__(self, rows: list[RunSummary]) -> None:
         self._rows = rows
         self.area: ui.element | None = None
 
@@ -177,8 +177,8 @@ class _DriftView:
 
 
 def _series(found: ParameterDrift) -> None:
-    for name, why in found.left_out:
-        ui.label(f"Left out: {name}: {why}.").classes("note")
+    for run in found.left_out:
+        ui.label(f"Left out: {run.run}: {run.why}.").classes("note")
     if len(found.runs) < 2:
         ui.label("A drift needs two runs with a model, a trend three on more than one day.").classes("note")
         return
@@ -196,7 +196,7 @@ def _series(found: ParameterDrift) -> None:
                 if each.slope is not None:
                     ui.label(f"trend {_slope(each)} in 30 days{', above 2 σ' if each.drifts else ''}").classes("note")
                 drift_chart(found.runs, each)
-    columns = [*words("Parameter", "Unit"), *numbers("Trend in 30 days, ± 1 σ", *(run for run, _ in found.runs))]
+    columns = [*words("Parameter", "Unit"), *numbers("Trend in 30 days, ± 1 σ", *(each.run for each in found.runs))]
     rows = [[each.label, each.unit, _slope(each), *map(_value, each.values, each.sigmas)] for each in ordered]
     with ui.expansion(f"All {len(rows)} parameters as numbers").classes("wide"):
         figures(columns, rows, label="Drift of parameters")

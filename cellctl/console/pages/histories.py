@@ -26,7 +26,7 @@ def _reader(history: History, baseline_runs: int | None) -> Callable[[], Awaitab
 
     async def read() -> None:
         nonlocal seen
-        now: Any = [(row.run, row.state) for row in console().live.rows if history.name in row.summary]
+        now: Any = [(row.run, row.state) for row in console().live.rows if history.name in row.summary.section]
         if now != seen:
             seen = now
             show(await asyncio.to_thread(history.read, console().runs, baseline_runs))

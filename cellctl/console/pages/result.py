@@ -30,9 +30,10 @@ from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError
 from cellctl.operations.export import Form
-from cellctl.operations.replay import Agreement
+from cellctl.operations.replay import Agreement, ArtefactReplay, Replay
+from cellctl.operations.results import from_json
 from cellctl.operations.run_folder import RunFile, run_files, run_named
-from cellctl.operations.run_list import RunRow, run_row
+from cellctl.operations.run_list import RunSummary, run_row
 from cellctl.report.figures import fixed
 
 _REPORT = "report.html"
@@ -64,43 +65,40 @@ async def result(name: str) -> None:
         _Report(place, any(file.name == _REPORT for file in files))
 
 
-def _verdict(row: RunRow) -> None:
+def _verdict(row: RunSummary) -> None:
     with ui.element("div").classes("row"):
-        state_word(look_of_state(row), row["state"], large=True)
-        if row.get("verdict"):
-            state_word(look_of_verdict(row["verdict"]), str(row["verdict"]), large=True)
+        state_word(look_of_state(row), row.state, large=True)
+        if row.verdict:
+            state_word(look_of_verdict(row.verdict), row.verdict, large=True)
     with ui.element("div"):
-        ui.label(str(row.get("sentence") or row.get("reason") or "This run has no verdict."))
-        for line in row.get("lines") or ():
+        ui.label(row.sentence or row.reason or "This run has no verdict.")
+        for line in row.lines:
             ui.label(line).classes("note")
 
 
-def _facts(row: RunRow) -> None:
-    devices = {
-        name: f"{each.get('model', '')}, serial {each.get('serial', '')}"
-        for name, each in (row.get("devices") or {}).items()
-    }
+def _facts(row: RunSummary) -> None:
+    devices = {name: f"{each.get('model', '')}, serial {each.get('serial', '')}" for name, each in row.devices.items()}
     known = {
-        "Began (UTC)": shown_time(row.get("began")),
-        "Procedure": Path(row.get("procedure") or "–").stem,
-        "Cell": Path(row.get("cell") or "–").stem,
-        "Operator": str(row.get("operator") or "–"),
+        "Began (UTC)": shown_time(row.began),
+        "Procedure": row.procedure_name or "–",
+        "Cell": Path(row.cell or "–").stem,
+        "Operator": row.operator or "–",
         **devices,
-        "Points": str(row.get("points", "–")),
-        "Time of the cell": f"{row['cell_s'] / 60.0:.1f} min" if row.get("cell_s") else "–",
-        "Table": str(row.get("table_words") or "none was pushed"),
+        "Points": "–" if row.points is None else str(row.points),
+        "Time of the cell": f"{row.cell_s / 60.0:.1f} min" if row.cell_s else "–",
+        "Table": row.table_words or "none was pushed",
     }
     with section("Run"):
         facts(known)
         with ui.element("div").classes("row"):
-            link_button("Steps and log", f"/run/{quote(row['run'])}", icon="list")
-            link_button("Compare with another run", f"/compare?a={quote(row['run'])}", icon="compare_arrows")
+            link_button("Steps and log", f"/run/{quote(row.run)}", icon="list")
+            link_button("Compare with another run", f"/compare?a={quote(row.run)}", icon="compare_arrows")
 
 
-def _errors(row: RunRow) -> None:
+def _errors(row: RunSummary) -> None:
     rows = [
-        [name, *(fixed((row.get(when) or {}).get(key)) for key in ("mean", "rms", "max"))]
-        for name, when in (("before", "before"), ("after", "after"))
+        [name, *(fixed(getattr(found, key, None)) for key in ("mean", "rms", "max"))]
+        for name, found in (("before", row.before), ("after", row.after))
     ]
     with section("Measured held-out errors", note="After: with the table in force on the controller."):
         figures([*words(""), *numbers("mean, mm", "RMS, mm", "max, mm")], rows, label="Errors")
@@ -150,23 +148,20 @@ class _Replay:
         self._view.follow(job, self._button.enable)
 
     @staticmethod
-    def _show(found: dict[str, Any]) -> None:
-        state_word("bad" if found["agreement"] == Agreement.DIFFERENT else "good", found["agreement"], large=True)
-        for text in found["changed"]:
+    def _show(result: object) -> None:
+        found = from_json(Replay, result)
+        state_word("bad" if found.agreement is Agreement.DIFFERENT else "good", found.agreement, large=True)
+        for text in found.changed:
             ui.label(f"Changed since the run: {text}").classes("note")
-        rows = [_artefact(each) for each in found["artefacts"]]
-        rows += [
-            [each["step"], each["agreement"], "; ".join((*each["differences"][:3], *each["why"]))]
-            for each in found["steps"]
-        ]
+        rows = [_artefact(each) for each in found.artefacts]
+        rows += [[each.step, each.agreement, "; ".join((*each.differences[:3], *each.why))] for each in found.steps]
         figures(words("File or step", "Outcome", "Difference and reason"), rows, label="Replay")
 
 
-def _artefact(each: dict[str, Any]) -> list[str]:
-    first = each["first"]
-    where = f"first at byte {first['byte']}" if isinstance(first, dict) and "byte" in first else ""
-    hashes = f"sha256 {(each['replayed'] or 'not made')[:12]}"
-    return [each["name"], each["agreement"], "; ".join(part for part in (hashes, where, *each["why"]) if part)]
+def _artefact(each: ArtefactReplay) -> list[str]:
+    where = f"first at byte {each.first.byte}" if each.first else ""
+    hashes = f"sha256 {(each.replayed or 'not made')[:12]}"
+    return [each.name, each.agreement, "; ".join(part for part in (hashes, where, *each.why) if part)]
 
 
 @final

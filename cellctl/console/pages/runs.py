@@ -13,7 +13,7 @@ from cellctl.console.appearance import COLOURS, ICONS, State, look_of_state, loo
 from cellctl.console.commands import live_rows
 from cellctl.console.frame import follow, frame
 from cellctl.console.shared import console
-from cellctl.operations.run_list import RunFilter, RunRow, procedure_name, robot_serial
+from cellctl.operations.run_list import RunFilter, RunSummary
 from cellctl.report.figures import fixed
 
 _NUMBER = {"align": "right", "classes": "number", "headerClasses": "number"}
@@ -90,10 +90,10 @@ class _RunList:
                 "outlined dense clearable debounce=250"
             ).classes("grow").tooltip("Words in name, files, operator, devices or verdict")
             for name, label, values in (
-                ("state", "State", {str(row["state"]) for row in self._rows}),
-                ("verdict", "Verdict", {str(row["verdict"]) for row in self._rows if row.get("verdict")}),
-                ("procedure", "Procedure", {procedure_name(row) for row in self._rows} - {""}),
-                ("serial", "Robot", {robot_serial(row) for row in self._rows} - {""}),
+                ("state", "State", {row.state for row in self._rows}),
+                ("verdict", "Verdict", {row.verdict for row in self._rows if row.verdict}),
+                ("procedure", "Procedure", {row.procedure_name for row in self._rows} - {""}),
+                ("serial", "Robot", {row.serial for row in self._rows} - {""}),
             ):
                 known = str(getattr(self._asked, name))
                 options = {"": _ANY, **{value: value for value in sorted(values | ({known} if known else set()))}}
@@ -134,21 +134,20 @@ class _RunList:
         self._compare.text = "Compare the two chosen runs" if ready else "Compare runs (choose two)"
 
 
-def _cells(row: RunRow) -> dict[str, Any]:
-    before, after = (row.get(name) or {} for name in ("before", "after"))
+def _cells(row: RunSummary) -> dict[str, Any]:
     return {
-        "run": row["run"],
-        "link": f"/run/{quote(row['run'])}{'' if row.get('process') else '/result'}",
-        "began": shown_time(row.get("began")),
-        "serial": robot_serial(row) or "–",
-        "state": row["state"],
+        "run": row.run,
+        "link": f"/run/{quote(row.run)}{'' if row.process else '/result'}",
+        "began": shown_time(row.began),
+        "serial": row.serial or "–",
+        "state": row.state,
         "state_look": _look(look_of_state(row)),
-        "verdict": row.get("verdict") or "",
-        "verdict_look": _look(look_of_verdict(row.get("verdict"))),
-        "points": row.get("points"),
-        "before": fixed(before.get("mean")),
-        "after": fixed(after.get("mean")),
-        "table": row.get("table_state") or "–",
+        "verdict": row.verdict or "",
+        "verdict_look": _look(look_of_verdict(row.verdict)),
+        "points": row.points,
+        "before": fixed(row.before and row.before.mean),
+        "after": fixed(row.after and row.after.mean),
+        "table": row.table_state or "–",
     }
 
 

@@ -30,7 +30,7 @@ from cellctl.files import InputError, Problem
 from cellctl.installed import shipped
 from cellctl.operations.results import from_json
 from cellctl.operations.run_folder import SIMULATOR_MEMORY
-from cellctl.operations.run_list import RunRow, robot_serial
+from cellctl.operations.run_list import RunSummary
 from cellctl.operations.table import Pushed, RolledBack, Verified
 from cellctl.operations.table_actions import Action, TableLook, TableRequest, known_table, refuse_confirmation
 from cellctl.operations.table_diff import ComparedTable, RowChange, TableDifference, table_difference
@@ -251,8 +251,8 @@ def _cell_choice(serial: str) -> tuple[ui.select, ui.select]:
     own = console().settings.cell
     names = {"": f"{own.stem} (this console's)"} if own else {}
     names |= {name: name for name in shipped("cell")}
-    rows = [row for row in live_rows() if robot_serial(row) == serial and row.get("cell")]
-    used = next((_stem(row["cell"]) for row in rows), "")
+    rows = [row for row in live_rows() if row.serial == serial and row.cell]
+    used = next((_stem(row.cell) for row in rows), "")
     first = "" if own else used if used in names else next(iter(names))
 
     def chosen(event: Any) -> None:
@@ -268,9 +268,9 @@ def _cell_choice(serial: str) -> tuple[ui.select, ui.select]:
     return cell, memory
 
 
-def _memories(rows: list[RunRow], cell: str) -> dict[str, str]:
+def _memories(rows: list[RunSummary], cell: str) -> dict[str, str]:
     """Runs on the cell with this name that have a simulated controller's memory, the newest last."""
-    own = [row["run"] for row in reversed(rows) if _stem(row["cell"]) == cell]
+    own = [row.run for row in reversed(rows) if _stem(row.cell) == cell]
     return {"": "none: a new controller", **{run: run for run in own if _memory(run).is_file()}}
 
 
@@ -304,7 +304,7 @@ class _Tables:
 
     async def follow(self) -> None:
         """Read again if a run has begun, ended, gone, or changed its table."""
-        now = [(row.run, row.state, row.summary.get("table_state")) for row in console().live.rows]
+        now = [(row.run, row.state, row.summary.table_state) for row in console().live.rows]
         if now != self._seen:
             self._seen = now
             await self.read()
@@ -394,7 +394,7 @@ def _known(one: ControllerTables, action: TableAction) -> None:
 
 
 def _run_link(run: str | None) -> None:
-    if run and any(row["run"] == run for row in live_rows()):
+    if run and any(row.run == run for row in live_rows()):
         ui.link(run, f"/run/{quote(run)}/result")
     else:
         ui.label(run or "–")

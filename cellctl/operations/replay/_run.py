@@ -12,11 +12,13 @@ import asyncio
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Final, Self, final
+from typing import Annotated, Any, Final, Self, final
+
+from pydantic import Field, computed_field
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of
 from cellctl.journal import Entry, RunResumed, RunStarted, fold, journal_in, read_journal
@@ -150,7 +152,8 @@ class ArtefactReplay:
     """One file: its SHA-256 (hex) in the journal and in the replay, None if it was not made.
 
     first: first difference of the replayed file from the one in the run folder, unless both differ from the journal;
-    why: reasons for what differs; agreement: of the replay's bytes with the journal's.
+    why: reasons for what differs; agreement: of the replay's bytes with the journal's, and of the file in the run
+    folder, if present, with both.
     """
 
     name: str
@@ -179,7 +182,7 @@ class ArtefactReplay:
         differs = (row.sha256 if row else None) != replayed
         known = there is not None and (state is FolderFile.AS_RECORDED or not differs)  # else: of two differences one
         first = FirstDifference.of(there, content) if known and there is not None and content is not None else None
-        agreement = Agreement.DIFFERENT if differs else Agreement.EXACT
+        agreement = Agreement.DIFFERENT if differs or state is FolderFile.CHANGED else Agreement.EXACT
         if differs and row and content is not None and step not in (None, Agreement.DIFFERENT):
             gone = state in (FolderFile.MISSING, FolderFile.REPLACED)
             if gone or (state is FolderFile.AS_RECORDED and there is not None and _same(there, content)):
@@ -202,10 +205,11 @@ class ArtefactReplay:
         """Whether the replay's bytes have the hash in the journal."""
         return self.recorded == self.replayed
 
+    @computed_field
     @property
-    def confirmed(self) -> Agreement:
-        """How the replay agrees with the journal, and the file in the run folder, if present, with both."""
-        return Agreement.DIFFERENT if self.folder is FolderFile.CHANGED else self.agreement
+    def equal(self) -> bool:
+        """Whether all agree byte for byte."""
+        return self.agreement is Agreement.EXACT
 
 
 def _same(before: bytes, now: bytes) -> bool:
@@ -250,41 +254,30 @@ class StepReplay:
     agreement: Agreement
     why: tuple[str, ...] = ()
 
+    @computed_field
+    @property
+    def equal(self) -> bool:
+        """Whether they agree byte for byte."""
+        return self.agreement is Agreement.EXACT
+
 
 @final
 @dataclass(frozen=True)
 class Replay:
-    """The result of a replay. changed: differences from the run in versions, computer and code.
+    """The result of a replay. agreement: the least of all repeated results and files; equal: it is exact.
 
-    contents: name → content of the files that the replay made, the latest of each name.
+    changed: differences from the run in versions, computer and code. contents: name → content of the files that the
+    replay made, the latest of each name; not in its JSON.
     """
 
     run: str
+    equal: bool
+    agreement: Agreement
+    tolerance: str
     changed: tuple[str, ...]
-    steps: tuple[StepReplay, ...]
     artefacts: tuple[ArtefactReplay, ...]
-    contents: Mapping[str, bytes]
-
-    @property
-    def agreement(self) -> Agreement:
-        """The least of all repeated results and files; a file that was changed in the run folder is not equal."""
-        found = {*(step.agreement for step in self.steps), *(file.confirmed for file in self.artefacts)}
-        return next((worst for worst in reversed(Agreement) if worst in found), Agreement.EXACT)
-
-    def to_json(self) -> dict[str, Any]:
-        """As `cellctl replay --json` shows it."""
-        return {
-            "run": self.run,
-            "equal": self.agreement is Agreement.EXACT,
-            "agreement": self.agreement,
-            "tolerance": TOLERANCE,
-            "changed": list(self.changed),
-            "artefacts": [
-                {**asdict(each), "equal": each.confirmed is Agreement.EXACT, "agreement": each.confirmed}
-                for each in self.artefacts
-            ],
-            "steps": [{**asdict(each), "equal": each.agreement is Agreement.EXACT} for each in self.steps],
-        }
+    steps: tuple[StepReplay, ...]
+    contents: Annotated[Mapping[str, bytes], Field(exclude=True)] = field(default_factory=dict)
 
 
 def replay_run(run: Path, tell: Callable[[str], None] = lambda _: None, registry: StepRegistry | None = None) -> Replay:
@@ -302,9 +295,11 @@ def replay_run(run: Path, tell: Callable[[str], None] = lambda _: None, registry
     with sources_of(state.started) as sources:
         steps = asyncio.run(recomputed(entries, sources, registry or StepRegistry.installed(), tell))
     changed = tuple(_changed(entries))
-    found = _compared(steps, changed, journal_in(run).parent)
+    compared, files = _compared(steps, changed, journal_in(run).parent)
+    found = {*(step.agreement for step in compared), *(file.agreement for file in files)}
+    agreement = next((worst for worst in reversed(Agreement) if worst in found), Agreement.EXACT)
     contents = {name: content for step in steps for name, content in step.now.contents.items()}
-    return Replay(state.name, changed, *found, contents)
+    return Replay(state.name, agreement is Agreement.EXACT, agreement, TOLERANCE, changed, files, compared, contents)
 
 
 def _compared(
