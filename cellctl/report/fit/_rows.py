@@ -12,7 +12,7 @@ from cellctl.calibration.solver.evidence import estimated
 from cellctl.records import IdentificationRow, ResidualsRow
 from cellctl.report.figures import fit_lines, percent, reasons, with_sigma
 from cellctl.report.fit import _parameters as listed_parameters
-from cellctl.report.fit._advice import advice, hints
+from cellctl.report.fit._advice import advice, candidates, hints
 from cellctl.report.fit._parameters import coefficients, correlation, groups, held
 from cellctl.report.fit._region import RegionSigma, curves, figures
 from cellctl.report.fit._story import FitStory
@@ -117,7 +117,7 @@ _LEFT_OUT = (("outliers", "left out"), ("rejected", "not usable"), ("test_outlie
 def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRow]:
     """The data of a fit that a run stores."""
     rows, region = residuals_of(story), RegionSigma.of(story)
-    result = story.result
+    result, (blocks, skipped) = story.result, candidates(story)
     before, after = _errors(story, rows)
     labels, matrix = correlation(story)
     rms, greatest = figures(region)
@@ -138,8 +138,8 @@ def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRo
         sigma_rms_mm=rms,
         sigma_max_mm=greatest,
         along_joint=tuple((listed(at), listed(sigma)) for at, sigma in curves(story, region)),
-        hints=tuple(hints(story)),
-        advice=advice(story, region),
+        hints=(*hints(story), *skipped),
+        advice=advice(story, region, blocks),
         left_out=tuple(_left_out(story)),
     )
 
