@@ -15,19 +15,9 @@ from typing import Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.calibration import (
-    Measured,
-    PlaneRows,
-    PoseRows,
-    PositionRows,
-    Postures,
-    RobotModel,
-    SocketRows,
-    State,
-    TouchRows,
-)
+from cellctl.calibration import Measured, Postures, RobotModel, State
 from cellctl.kinematics import Bools, Floats
-from cellctl.kinematics.low_discrepancy import sobol
+from cellctl.kinematics.low_discrepancy import evenly
 
 WIDER_RAD, WIDER_SHARE = np.deg2rad(30.0), 0.25
 """Joints may exceed the range of the rows by this much, or by this share of the range, whichever is more."""
@@ -161,28 +151,54 @@ class Room:
 
     def spread(self, count: int) -> Floats:
         """Postures (count, n), quasi-random."""
-        samples = _evenly(len(self.lower), count)
+        samples = evenly(len(self.lower), count)
         return np.asarray(self.lower + samples * (self.upper - self.lower))
 
 
-def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -> Measured:
+@final
+@dataclass(frozen=True, eq=False)
+class _Reachable:
+    """Postures for rows like those of `block`, near q (M, n), up to `count`; collisions are not checked."""
+
+    block: Measured
+    state: State
+    room: Room
+    q: Floats
+    count: int
+
+    @property
+    def tried(self) -> int:
+        """Number of goals."""
+        return 4 * self.count
+
+    @property
+    def model(self) -> RobotModel:
+        """Of the block's session."""
+        return self.state.models[self.block.session]
+
+    def anywhere(self) -> Postures:
+        """Postures in the room."""
+        return _as_before(self.block.postures, _within(self.model, self.room, self.q, self.count))
+
+    def at(self, goals: Floats, normals: Floats | None = None) -> tuple[Postures, Any]:
+        """Postures (K) with the TCP at some of `goals` (tried, 3), mm, and which (K,); by the shortest joint motion."""
+        reached, arrived = led_to(self.model, self.q[: self.tried], goals)
+        good = arrived & self.room.holds(reached)
+        if normals is not None:
+            least = _leaning(self.model, self.block.q, self.block.normals(self.state)).min()
+            good &= _leaning(self.model, reached, normals) >= least
+        chosen = np.flatnonzero(good)[: self.count]
+        return _as_before(self.block.postures, reached[chosen]), chosen
+
+
+def rows_like(block: Measured, state: State, limits: Floats, count: int = 512) -> Measured | None:
     """Up to `count` rows that could be measured like those of `block`, in its session, none of them measured yet.
 
-    state: robot and points as identified. limits (n, 2): model angles that the joints can reach, rad. Positions and
-    poses: anywhere in and near the measured volume. Touches and sockets: at the same points, within the directions of
-    approach and the tilts of the tool used before. Collisions are not checked. The result may be empty.
+    state: robot and points as identified. limits (n, 2): model angles that the joints can reach, rad. Where, the kind
+    of the rows states (`Measured.proposed`). The result may be empty; None: the kind does not state where.
     """
-    model, postures = state.models[block.session], block.postures
-    tips = model.tcp(postures)
-    room = Room.about(block.q, tips, limits)
-    q = room.spread(_TRIED * count)
-    if isinstance(block, PositionRows | PoseRows):
-        return _measuring(block, model, _as_before(postures, _within(model, room, q, count)))
-    if isinstance(block, PlaneRows):
-        return _on_planes(block, state, room, q[: 4 * count], count)
-    if isinstance(block, TouchRows | SocketRows):
-        return _visiting(block, state, room, q[: 4 * count], count)
-    return block.pick(np.zeros(0, int))  # for other kinds no candidates are defined
+    room = Room.about(block.q, state.models[block.session].tcp(block.postures), limits)
+    return block.proposed(state, _Reachable(block, state, room, room.spread(_TRIED * count), count))
 
 
 def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
@@ -190,69 +206,8 @@ def _within(model: RobotModel, room: Room, q: Floats, count: int) -> Floats:
     found = q[room.contains(model.tcp(q))][:count]
     if len(found) >= count // 4:
         return found
-    led, arrived = led_to(model, q[:count], room.low + _evenly(3, min(count, len(q))) * (room.high - room.low))
+    led, arrived = led_to(model, q[:count], room.low + evenly(3, min(count, len(q))) * (room.high - room.low))
     return np.concatenate([found, led[arrived & room.holds(led)]])[:count]
-
-
-def _measuring(block: PositionRows | PoseRows, model: RobotModel, at: Postures) -> Measured:
-    sigma = np.tile(np.median(block.sigma, axis=0), (len(at), 1))
-    if isinstance(block, PositionRows):
-        return replace(block, at=at, xyz=model.tcp(at), sigma=sigma, decorrelation=None, datum=None)
-    return replace(block, at=at, poses=model.pose(at), sigma=sigma, decorrelation=None, datum=None)
-
-
-def _visiting(block: TouchRows | SocketRows, state: State, room: Room, q: Floats, count: int) -> Measured:
-    """Rows at the block's points, reached from postures q (M, n) by the shortest joint motion."""
-    model, touched = state.models[block.session], isinstance(block, TouchRows)
-    names, turn = np.unique(block.point), np.arange(len(q))
-    point = names[turn % len(names)]
-    away = _away(block, state, point) if isinstance(block, TouchRows) else np.zeros((len(q), 3))
-    reached, arrived = led_to(model, q, state.points[point] + away)
-    good = arrived & room.holds(reached)
-    if touched:
-        good &= _leaning(model, reached, away) >= _least_leaning(block, state)
-    chosen = np.flatnonzero(good)[:count]
-    sigma = np.tile(np.median(block.sigma, axis=0), (len(chosen), 1))
-    at = _as_before(block.postures, reached[chosen])
-    if isinstance(block, SocketRows):
-        return replace(block, at=at, point=point[chosen], sigma=sigma)
-    datum = _datums(block)[point[chosen]]
-    reach = np.linalg.norm(away[chosen], axis=1) + np.append(state.datums, 0.0)[datum]
-    return replace(block, at=at, point=point[chosen], sigma=sigma, reach=reach, datum=datum)
-
-
-def _on_planes(block: PlaneRows, state: State, room: Room, q: Floats, count: int) -> Measured:
-    """Rows on the block's planes between existing touches, reached from postures q (M, n)."""
-    model, normals = state.models[block.session], block.normals(state)
-    tips = model.tcp(block.postures) - block.residual(state) * normals
-    names, share = np.unique(block.point), _evenly(3, len(q))
-    of_plane = [np.flatnonzero(block.point == names[turn % len(names)]) for turn in range(len(q))]
-    first, second = (
-        np.array([rows[int(part * len(rows))] for rows, part in zip(of_plane, share[:, column], strict=True)])
-        for column in (0, 1)
-    )
-    goal = tips[first] + share[:, 2:] * (tips[second] - tips[first])
-    reached, arrived = led_to(model, q, goal)
-    least = float(_leaning(model, block.q, normals).min())
-    chosen = np.flatnonzero(arrived & room.holds(reached) & (_leaning(model, reached, normals[first]) >= least))[:count]
-    sigma = np.tile(np.median(block.sigma, axis=0), (len(chosen), 1))
-    there = block.pick(first[chosen])
-    there = replace(there, at=_as_before(block.postures, reached[chosen]), sigma=sigma)
-    return replace(there, reach=there.reach + there.residual(state)[:, 0])
-
-
-def _away(block: TouchRows, state: State, point: Floats) -> Floats:
-    """Vectors (M, 3), mm, from the centre of each of `point` (M,) to a possible touch."""
-    lengths = block.lengths(state)
-    reach = {name: float(np.median(lengths[block.point == name])) for name in np.unique(block.point)}
-    return np.array([reach[name] for name in point])[:, None] * _normals(block, state, point)
-
-
-def _datums(block: TouchRows) -> Any:
-    """The datum of the last measurement to each point, up to the last point of the block."""
-    result = np.full(int(block.point.max()) + 1, -1)
-    result[block.point] = block.datum
-    return result
 
 
 def led_to(model: RobotModel, q: Floats, targets: Floats) -> tuple[Floats, Bools]:
@@ -268,37 +223,10 @@ def led_to(model: RobotModel, q: Floats, targets: Floats) -> tuple[Floats, Bools
     return q, np.linalg.norm(targets - chain.forward(q)[:, :3, 3], axis=1) < _CLOSE_MM
 
 
-def _normals(block: TouchRows, state: State, point: Floats) -> Floats:
-    """A direction (M, 3) from each of `point` (M,), within the widest cone about their mean that was touched there."""
-    tips = state.models[block.session].tcp(block.postures)
-    measured = _unit(tips - state.points[block.point])
-    samples = _evenly(2, len(point))
-    result = np.zeros((len(point), 3))
-    for name in np.unique(point):
-        mine, seen = point == name, measured[block.point == name]
-        middle = _unit(seen.mean(axis=0, keepdims=True))[0]
-        cosine = 1.0 - samples[mine, 0] * (1.0 - float((seen @ middle).min()))
-        result[mine] = _about(middle, cosine, 2.0 * np.pi * samples[mine, 1])
-    return result
-
-
-def _about(middle: Floats, cosine: Floats, turn: Floats) -> Floats:
-    """Unit vectors (M, 3) at the angle arccos `cosine` (M,) from `middle` (3,), turned about it by `turn` (M,), rad."""
-    x = _unit(np.cross(np.eye(3)[np.abs(middle).argmin()], middle)[None])[0]
-    y, sine = np.cross(middle, x), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-    across = np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * y
-    return np.asarray(cosine[:, None] * middle + sine[:, None] * across)
-
-
 def _leaning(model: RobotModel, q: Floats, away: Floats) -> Floats:
     """Cosine (M,) between the tool, from TCP to flange, and the direction `away` (M, 3) from the surface."""
     shaft = model.chain.forward_flange(q)[:, :3, 3] - model.chain.forward(q)[:, :3, 3]
     return np.asarray(np.sum(_unit(shaft) * _unit(away), axis=1))
-
-
-def _least_leaning(block: TouchRows | SocketRows, state: State) -> float:
-    model = state.models[block.session]
-    return float(_leaning(model, block.q, model.tcp(block.postures) - state.points[block.point]).min())
 
 
 def _as_before(before: Postures, q: Floats) -> Postures:
@@ -308,12 +236,6 @@ def _as_before(before: Postures, q: Floats) -> Postures:
     delta_t = None if before.delta_t is None else np.full(len(q), np.median(before.delta_t))
     loads = (None if part is None else part[some] for part in (before.payload, before.payload_at, before.currents))
     return Postures(q, approach, delta_t, *loads)
-
-
-def _evenly(dimensions: int, count: int) -> Floats:
-    """Points (count, dimensions) of the unit cube, quasi-random (Sobol; drawn in powers of two)."""
-    drawn = sobol(dimensions, rng=np.random.default_rng(1)).random(1 << max(count - 1, 0).bit_length())
-    return np.asarray(drawn[:count])
 
 
 def _unit(vectors: Floats) -> Floats:

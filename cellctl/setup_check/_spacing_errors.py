@@ -17,7 +17,7 @@ import numpy as np
 from cellctl.calibration.identification.identify import Identification, Weights, identify, identify_kept
 from cellctl.calibration.identification.ladder import climb
 from cellctl.calibration.problem.task import Task
-from cellctl.calibration.rows import SocketRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import SpacingRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.solver.estimate import Estimate
 from cellctl.kinematics import Bools, Floats
@@ -168,9 +168,9 @@ def _known(rows: RowBlocks, points: int) -> Bools:
     """Which points (S,) have enough rows for a unique place."""
     counted = np.zeros(points, int)
     for block in rows.blocks:
-        if isinstance(block, TouchRows | SocketRows):
-            each = 1 if isinstance(block, TouchRows) else TOUCHES_AT_LEAST
-            counted += each * np.bincount(block.point, minlength=points)
+        if not block.of_planes:
+            each = TOUCHES_AT_LEAST if block.at_point else 1
+            counted += each * np.bincount(block.visited[block.visited >= 0], minlength=points)
     return counted >= TOUCHES_AT_LEAST
 
 

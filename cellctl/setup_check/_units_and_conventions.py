@@ -110,7 +110,8 @@ def other_spheres(setup: Setup) -> Iterator[Hypothesis]:
 def other_hand(setup: Setup) -> Iterator[Hypothesis]:
     """The measuring frame is left-handed. Orientations show which axis; positions fit any mirror, by the base."""
     left_handed = "the measuring frame is left-handed"
-    if PoseRows in setup.task.rows.kinds:
+    blocks = [block for block in setup.task.rows.blocks if len(block)]
+    if any(block.orientations is not None for block in blocks):
         for axis, name in enumerate(XYZ):
             mirror = np.diag([-1.0 if other == axis else 1.0 for other in range(3)])
             change = Change(f"{left_handed}: {name} is reversed", "data", f"reverse the sign of {name}", (name,))
@@ -121,7 +122,7 @@ def other_hand(setup: Setup) -> Iterator[Hypothesis]:
             order = [second if axis == first else first if axis == second else axis for axis in range(3)]
             change = _swapped((XYZ[first], XYZ[second]), f"{left_handed}: {{}} and {{}} are swapped")
             yield Hypothesis((change,), setup.with_positions(setup.positions[:, order]))
-    elif PositionRows in setup.task.rows.kinds:
+    elif any(block.positions is not None for block in blocks):
         cure = "reverse one of X, Y, Z, or exchange two of them: the instrument's export says which"
         change = Change(left_handed, "data", cure, XYZ)
         yield Hypothesis((change,), setup.with_positions(setup.positions * [1.0, -1.0, 1.0]))
@@ -131,12 +132,9 @@ def _mirrored_poses(setup: Setup, mirror: Floats) -> Setup:
     """Positions mirrored; of poses the orientations too."""
 
     def mirrored(block: Measured) -> Measured:
-        if not isinstance(block, PoseRows):
+        if block.orientations is None or block.positions is None:
             return block
-        poses = block.poses.copy()
-        poses[:, :3, 3] = block.xyz @ mirror
-        poses[:, :3, :3] = mirror @ poses[:, :3, :3] @ mirror
-        return replace(block, poses=poses)
+        return block.with_positions(block.positions @ mirror).with_orientations(mirror @ block.orientations @ mirror)
 
     return setup.with_blocks(mirrored)
 
@@ -151,11 +149,11 @@ def other_orientations(setup: Setup) -> Iterator[Hypothesis]:
 
     The angles are computed from the rotations that were read, so that |B| ≤ 90°.
     """
-    blocks = [block for block in setup.task.rows.blocks if isinstance(block, PoseRows)]
-    if not blocks:
+    measured = [rotations for block in setup.task.rows.blocks if (rotations := block.orientations) is not None]
+    if not measured:
         return
     yield _hypothesis(setup, "orientations are inverse: from tool to frame", "invert each", 2, Rotation.inv)
-    largest = max(np.abs(abc_from_rotation(block.poses[:, :3, :3])).max(initial=0.0) for block in blocks)
+    largest = max(np.abs(abc_from_rotation(rotations)).max(initial=0.0) for rotations in measured)
     for unit, factor in (("", 1.0), (" in radians", 180.0 / np.pi))[: 1 + (largest < RADIANS_UP_TO)]:
         yield from _euler_angles(setup, unit, factor)
 
@@ -188,10 +186,8 @@ def _hypothesis(
     setup: Setup, what: str, cure: str, complexity: int, change: Callable[[Rotation], Rotation]
 ) -> Hypothesis:
     def turned(block: Measured) -> Measured:
-        if not isinstance(block, PoseRows):
+        if block.orientations is None:
             return block
-        poses = block.poses.copy()
-        poses[:, :3, :3] = change(Rotation.from_matrix(poses[:, :3, :3])).as_matrix()
-        return replace(block, poses=poses)
+        return block.with_orientations(change(Rotation.from_matrix(block.orientations)).as_matrix())
 
     return Hypothesis((Change(what, "data", cure, ABC),), setup.with_blocks(turned), complexity)

@@ -10,7 +10,7 @@ import numpy as np
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
-from cellctl.calibration.rows import Measured, Rows, SocketRows
+from cellctl.calibration.rows import Measured, Rows
 from cellctl.calibration.solver.estimate import linearised
 from cellctl.kinematics import Bools, Floats
 
@@ -62,9 +62,9 @@ def in_their_sockets(block: Measured, state: State) -> Measured:
     Before identification TCPs scatter about their socket, and this scatter would make the orientation of the robot as a
     whole observable.
     """
-    if not isinstance(block, SocketRows) or not len(block):
+    if not block.at_point or not len(block):
         return block
-    model, tcps = state.models[block.session], state.points[block.point]
+    model, tcps = state.models[block.session], state.points[block.visited]
     q = _reaching(block, model, block.q, tcps, np.ones(block.q.shape[1], bool))
     near = _away(block, model, q, tcps) < BACK_MM
     return _at(block, np.where(near[:, None], q, block.q), model)

@@ -16,7 +16,7 @@ import numpy as np
 from cellctl.calibration.effects.motor_torsion import VARIES_A
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.observability.other_postures import brought, lines, moved, thinned, under
-from cellctl.calibration.rows import Measured, PlaneRows, SpacingRows, TouchRows
+from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
 from cellctl.calibration.rows.fixed_points import planes_of, pole_of
 from cellctl.kinematics import Bools, Floats, rotation_vector
 
@@ -188,11 +188,11 @@ def of_planes(rows: Rowed) -> Iterator[Reason]:
 
 def _on_a_step(block: Measured, state: State) -> Measured:
     """The rows on the plane and on a step parallel to it, in turn."""
-    if not isinstance(block, PlaneRows):
+    if not block.of_planes:
         return block
     model, height = state.models[block.session], STEP_MM * (np.arange(len(block)) % 2)
     tcps = model.tcp(block.postures) + height[:, None] * block.normals(state)
-    return brought(replace(block, reach=block.reach + height), model, block.q, tcps, _all_joints(block))
+    return brought(block, model, block.q, tcps, _all_joints(block))
 
 
 def _on_other_planes(rows: Rowed, plane: int) -> Floats:

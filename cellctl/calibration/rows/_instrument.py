@@ -14,7 +14,7 @@ import numpy as np
 from cellctl.calibration.model.postures import At, Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows._kind import RowsAtJoints
+from cellctl.calibration.rows._kind import Reachable, RowsAtJoints
 from cellctl.kinematics import Floats, rotation_vector
 
 
@@ -57,6 +57,12 @@ class _InstrumentRows(RowsAtJoints):
         """Unit vectors (N, 3) from the instrument to the measured points."""
         assert self.positions is not None
         return np.asarray(self.positions / np.maximum(np.linalg.norm(self.positions, axis=1, keepdims=True), 1e-9))
+
+    def proposed(self, state: State, reachable: Reachable) -> Self:
+        """Anywhere in and near the measured volume."""
+        at, model = reachable.anywhere(), self._model(state)
+        there = self.moved_to(at, model).with_positions(model.tcp(at))
+        return there.changed(sigma=self.usual_sigma(len(at)), decorrelation=None, datum=None)
 
     def errors(self, state: State) -> Floats:
         """3-D distance of the positions (N,), mm."""
@@ -188,6 +194,12 @@ class PoseRows(_InstrumentRows):
         """Other measured positions (N, 3), mm, with the same orientations."""
         poses = self.poses.copy()
         poses[:, :3, 3] = xyz
+        return replace(self, poses=poses)
+
+    def with_orientations(self, rotations: Floats) -> Self:
+        """Other measured rotations (N, 3, 3), at the same positions."""
+        poses = self.poses.copy()
+        poses[:, :3, :3] = rotations
         return replace(self, poses=poses)
 
     def errors_and_turns(self, state: State) -> tuple[Floats, Floats]:

@@ -50,6 +50,24 @@ class Rows(Protocol):
     def __len__(self) -> int: ...
 
 
+class Reachable(Protocol):
+    """Where rows like those of a block could be measured (`cellctl.planning`). tried: the number of goals."""
+
+    @property
+    def tried(self) -> int: ...
+
+    def anywhere(self) -> Postures:
+        """Postures in and near the measured volume."""
+        ...
+
+    def at(self, goals: Floats, normals: Floats | None = None) -> tuple[Postures, Any]:
+        """Postures (K) with the TCP at some of `goals` (tried, 3), mm, and the indices (K,) of these goals.
+
+        normals (tried, 3): from the surface; the tool leans away from them no more than it did in the block's rows.
+        """
+        ...
+
+
 class RowsAtJoints(ABC):
     """A block of rows of one kind, measured at joint angles in one session: common parts, and the properties that each
     kind defines. A new kind is one class.
@@ -58,8 +76,9 @@ class RowsAtJoints(ABC):
     of_planes: whether their fixed points are planes (`State.points` has the poles). has_length: whether they contain a
     length, without which the robot's size is unobservable. along_line: whether a row is one distance along a line
     (`normals`). one, many: names of such a row. noun, visits, visits_at_least: names of their fixed points and of the
-    rows at them, and how many rows find such a point and check that they agree. in_setup_check: whether the set-up
-    check can judge such rows (`squared_misfits`, or `positions`); it leaves others out, and says so.
+    rows at them, and how many rows find such a point and check that they agree. at_point: whether the TCP itself is at
+    the fixed point. in_setup_check: whether the set-up check can judge such rows (`squared_misfits`, or `positions`);
+    it leaves others out, and says so.
     """
 
     at: At
@@ -75,6 +94,7 @@ class RowsAtJoints(ABC):
     noun: ClassVar[str] = "point"
     visits: ClassVar[str] = "rows"
     visits_at_least: ClassVar[int] = 0
+    at_point: ClassVar[bool] = False
     in_setup_check: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -147,6 +167,21 @@ class RowsAtJoints(ABC):
     def with_positions(self, xyz: Floats) -> Self:
         """These rows with other measured TCPs (N, 3), mm; the same rows where the kind measures none."""
         return self
+
+    def with_orientations(self, rotations: Floats) -> Self:
+        """These rows with other measured rotations (N, 3, 3); the same rows where the kind measures none."""
+        return self
+
+    def proposed(self, state: State, reachable: Reachable) -> Self | None:
+        """Rows of this kind that could be measured next, with the readings that `state` predicts; may be empty.
+
+        None: the kind does not state where. The page of a fit then proposes none of them, and says so.
+        """
+        return None
+
+    def usual_sigma(self, count: int) -> Floats:
+        """σ (count, k) of as many further rows: the median of these."""
+        return np.tile(np.median(self.sigma, axis=0), (count, 1))
 
     def errors_and_turns(self, state: State) -> tuple[Floats, Floats | None]:
         """`errors`, and angles (N,), rad, between model and measured orientations; None where it measures none."""

@@ -15,8 +15,9 @@ import numpy as np
 from cellctl.calibration.model.postures import At
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows._kind import RowsAtJoints, with_points
+from cellctl.calibration.rows._kind import Reachable, RowsAtJoints, with_points
 from cellctl.kinematics import Floats
+from cellctl.kinematics.low_discrepancy import evenly
 
 CENTRE_STEPS = 8
 """Of Gauss–Newton at the most; it ends where a step comes no closer."""
@@ -163,6 +164,31 @@ class TouchRows(RowsAtJoints):
         away = self._model(state).tcp(self.postures) - state.points[self.point]
         return np.asarray(away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9))
 
+    def proposed(self, state: State, reachable: Reachable) -> Self:
+        """At the same points in turn, within the directions of approach used before."""
+        point, lengths = _in_turn(self.point, reachable.tried), self.lengths(state)
+        usual = {name: float(np.median(lengths[self.point == name])) for name in np.unique(self.point)}
+        away, normals = np.array([usual[name] for name in point]), self._approaches(state, point)
+        at, chosen = reachable.at(state.points[point] + away[:, None] * normals, normals)
+        last = np.full(int(self.point.max()) + 1, -1)  # the datum of the last measurement to each point
+        last[self.point] = self.datum
+        datum = last[point[chosen]]
+        reach = away[chosen] + np.append(state.datums, 0.0)[datum]
+        sigma = self.usual_sigma(len(at))
+        return replace(self, at=at, point=point[chosen], reach=reach, sigma=sigma, datum=datum)
+
+    def _approaches(self, state: State, point: Any) -> Floats:
+        """A direction (M, 3) from each of `point` (M,), in the widest cone about their mean that was touched there."""
+        measured, samples = self.normals(state), evenly(2, len(point))
+        result = np.zeros((len(point), 3))
+        for name in np.unique(point):
+            mine, seen = point == name, measured[self.point == name]
+            middle = seen.mean(axis=0)
+            middle = middle / max(float(np.linalg.norm(middle)), 1e-12)
+            cosine = 1.0 - samples[mine, 0] * (1.0 - float((seen @ middle).min()))
+            result[mine] = _about(middle, cosine, 2.0 * np.pi * samples[mine, 1])
+        return result
+
     def anywhere(self, state: State) -> Floats:
         """TCPs (N, 3) that touch each row's sphere from any side."""
         normals = np.random.default_rng(len(self)).normal(size=(len(self), 3))
@@ -200,6 +226,7 @@ class SocketRows(RowsAtJoints):
     noun: ClassVar[str] = "socket"
     visits: ClassVar[str] = "visits"
     visits_at_least: ClassVar[int] = 2
+    at_point: ClassVar[bool] = True
     in_setup_check: ClassVar[bool] = True
 
     @property
@@ -221,10 +248,31 @@ class SocketRows(RowsAtJoints):
         """3-D distance (N,) from the socket, mm."""
         return np.asarray(np.linalg.norm(self.residual(state), axis=-1))
 
+    def proposed(self, state: State, reachable: Reachable) -> Self:
+        """In the same sockets in turn."""
+        point = _in_turn(self.point, reachable.tried)
+        at, chosen = reachable.at(state.points[point])
+        return replace(self, at=at, point=point[chosen], sigma=self.usual_sigma(len(at)))
+
     def squared_misfits(self, tcps: Floats) -> Floats:
         """From each socket."""
         found = [_from_their_mean(tcps[:, self.point == index]) for index in np.unique(self.point)]
         return np.concatenate(found, axis=1)
+
+
+def _in_turn(point: Any, count: int) -> Any:
+    """The different points among `point` (N,), in turn (count,)."""
+    names = np.unique(point)
+    return names[np.arange(count) % len(names)]
+
+
+def _about(middle: Floats, cosine: Floats, turn: Floats) -> Floats:
+    """Unit vectors (M, 3) at the angle arccos `cosine` (M,) from `middle` (3,), turned about it by `turn` (M,), rad."""
+    x = np.cross(np.eye(3)[np.abs(middle).argmin()], middle)
+    x = x / max(float(np.linalg.norm(x)), 1e-12)
+    y, sine = np.cross(middle, x), np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    across = np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * y
+    return np.asarray(cosine[:, None] * middle + sine[:, None] * across)
 
 
 SCALE_MM = 1000.0
@@ -297,6 +345,20 @@ class PlaneRows(RowsAtJoints):
         """From each plane."""
         found = [_from_their_plane(tcps[:, self.point == index]) for index in np.unique(self.point)]
         return np.concatenate(found, axis=1)
+
+    def proposed(self, state: State, reachable: Reachable) -> Self:
+        """On the same planes in turn, between two existing touches."""
+        tcps = self._model(state).tcp(self.postures) - self.residual(state) * self.normals(state)
+        share = evenly(3, reachable.tried)
+        rows = [np.flatnonzero(self.point == name) for name in _in_turn(self.point, reachable.tried)]
+        first, second = (
+            np.array([mine[int(part * len(mine))] for mine, part in zip(rows, share[:, column], strict=True)])
+            for column in (0, 1)
+        )
+        goals = tcps[first] + share[:, 2:] * (tcps[second] - tcps[first])
+        at, chosen = reachable.at(goals, self.normals(state)[first])
+        there = replace(self.pick(first[chosen]), at=at, sigma=self.usual_sigma(len(at)))
+        return replace(there, reach=there.reach + there.residual(state)[:, 0])
 
     def anywhere(self, state: State) -> Floats:
         """TCPs (N, 3) that touch each row's plane, up to `ACROSS_MM` from their places."""

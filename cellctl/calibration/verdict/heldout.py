@@ -18,7 +18,6 @@ from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.prediction.predict import predict_rows
 from cellctl.calibration.problem.task import Task
-from cellctl.calibration.rows import SocketRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.solver.estimate import Estimate, estimate
 from cellctl.calibration.verdict.judgement import HeldOut
@@ -77,7 +76,7 @@ def _with_tool(task: Task, unknowns: Unknowns, used: RowBlocks, rows: RowBlocks)
     Visits of sockets register no tool, as only the sockets' places tie them: a tool that was never taught would count
     as an error of the robot that the model removes.
     """
-    sockets = all(isinstance(block, SocketRows) for block in (*used.blocks, *rows.blocks) if len(block))
+    sockets = all(block.at_point for block in (*used.blocks, *rows.blocks) if len(block))
     tool, robot = unknowns.among(frozenset({"tool"})), ~unknowns.among(_PLACES)
     if not sockets or not (unknowns.free & tool).any() or not (unknowns.free & robot).any():
         return None

@@ -126,9 +126,8 @@ _NARROWED = 0.98
 _NAMED = 3
 
 
-def advice(story: FitStory, region: RegionSigma) -> Section | None:
-    """A table of rows, each with σ after it and the improved parameters. None if no such rows are in reach."""
-    blocks = _candidates(story)
+def advice(story: FitStory, region: RegionSigma, blocks: list[Measured]) -> Section | None:
+    """A table of rows of `blocks`, each with σ after it and the improved parameters. None without such rows."""
     if not blocks:
         return None
     found = story.found
@@ -158,13 +157,18 @@ def advice(story: FitStory, region: RegionSigma) -> Section | None:
     }
 
 
-def _candidates(story: FitStory) -> list[Measured]:
-    """Rows like those of the last session, with the estimated scatter of its rows; none without such rows."""
+def candidates(story: FitStory) -> tuple[list[Measured], list[str]]:
+    """Rows like those of the last session, with the estimated scatter of its rows; and a sentence for each kind of rows
+    that states none.
+    """
     noise = story.result.identification.noise
     blocks = [block for block in story.task.rows.pick(story.used).noisier(noise).blocks if len(block)]
     last = max(block.session for block in blocks)
-    like = [rows_like(block, story.found.state, story.limits, CANDIDATES) for block in blocks if block.session == last]
-    return [block for block in like if len(block)]
+    mine = [block for block in blocks if block.session == last]
+    like = [rows_like(block, story.found.state, story.limits, CANDIDATES) for block in mine]
+    skipped = {block.many: None for block, each in zip(mine, like, strict=True) if each is None}
+    found = [each for each in like if each is not None and len(each)]
+    return found, [f"No {name} are proposed: such rows do not state where they can be measured." for name in skipped]
 
 
 def _columns(blocks: list[Measured], story: FitStory) -> Floats:

@@ -12,7 +12,7 @@ from cellctl.calibration.solver.evidence import estimated
 from cellctl.records import IdentificationRow, ResidualsRow
 from cellctl.report.figures import fit_lines, percent, reasons, with_sigma
 from cellctl.report.fit import _parameters as listed_parameters
-from cellctl.report.fit._advice import advice, hints
+from cellctl.report.fit._advice import advice, candidates, hints
 from cellctl.report.fit._parameters import coefficients, correlation, groups, held
 from cellctl.report.fit._region import RegionSigma, curves, figures
 from cellctl.report.fit._story import FitStory
@@ -118,6 +118,7 @@ def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRo
     """The data of a fit that a run stores."""
     rows, result = residuals_of(story), story.result
     region = None if np.isnan(result.predicted_volumetric_rms) else RegionSigma.of(story)
+    blocks, skipped = candidates(story) if region else ([], [])
     before, after = _errors(story, rows)
     labels, matrix = correlation(story)
     rms, greatest = figures(region) if region else ({}, {})
@@ -138,8 +139,8 @@ def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRo
         sigma_rms_mm=rms,
         sigma_max_mm=greatest,
         along_joint=tuple((listed(at), listed(sigma)) for at, sigma in (curves(story, region) if region else ())),
-        hints=tuple(hints(story)),
-        advice=advice(story, region) if region else None,
+        hints=(*hints(story), *skipped),
+        advice=advice(story, region, blocks) if region else None,
         left_out=tuple(_left_out(story)),
     )
 
