@@ -32,6 +32,7 @@ from cellctl.operations.compensating import (
     refuse_other_cell,
 )
 from cellctl.operations.program_compensation import (
+    ProgramFigures,
     ProgramFiles,
     ProgramOptions,
     compensate_files,
@@ -39,6 +40,7 @@ from cellctl.operations.program_compensation import (
     refuse_method,
 )
 from cellctl.operations.program_paths import Path as ProgramPath
+from cellctl.operations.results import as_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -240,27 +242,25 @@ def compensate_program(
     if json_ != "-":
         for line in words_of(found.program, found.paths, figures):
             typer.echo(line)
-    write_json(figures, json_)
+    write_json(as_json(figures), json_)
     if left := len(found.program.left):
         what = "1 place is not compensated: it stays" if left == 1 else f"{left} places are not compensated: they stay"
         typer.echo(f"cellctl: {program}: {what} as in the program", err=True)
         raise typer.Exit(Exit.NOT_BETTER)
 
 
-def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: dict[str, Any]) -> Iterator[str]:
-    """The lines for the terminal; figures: of the JSON."""
-    shift, turned, before, after = (
-        figures[name] for name in ("correction_mm", "correction_deg", "before_mm", "after_mm")
-    )
-    made, left = _count(figures["compensated"], "point"), _count(len(found.left), "place")
-    yield f"{found.program.src.name}: {made} compensated for a {figures['robot']}, {left} left unchanged."
+def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: ProgramFigures) -> Iterator[str]:
+    """The lines for the terminal."""
+    shift, turned, before, after = (figures.correction_mm, figures.correction_deg, figures.before_mm, figures.after_mm)
+    made, left = _count(figures.compensated, "point"), _count(len(found.left), "place")
+    yield f"{found.program.src.name}: {made} compensated for a {figures.robot}, {left} left unchanged."
     yield (
         f"The points shift by {shift['mean']:.3f} mm (mean; max {shift['max']:.3f}), "
         f"joints by up to {turned['max']:.3f}°.\n"
         f"Predicted error: {before['mean']:.3f} mm (mean; max {before['max']:.3f}) before, {after['mean']:.4f} mm "
         f"(max {after['max']:.4f}) after."
     )
-    yield from _path_words(paths, figures["path_tolerance_mm"])
+    yield from _path_words(paths, figures.path_tolerance_mm)
     for changed in found.changed.values():
         if changed.turn:
             yield f"{changed.written.name}: T {changed.turn[0]} becomes {changed.turn[1]}, as a joint crosses 0."
@@ -270,15 +270,15 @@ def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: d
         yield f"  {found.file(one)}:{one.line}: {one.words}"
     if len(found.left) > SHOWN:
         yield f"  … and {len(found.left) - SHOWN} more (--json FILE has all)"
-    if figures["tool_shift_mm"] is None:
+    if figures.tool_shift_mm is None:
         yield "The errors of the arm are corrected; the tool is taken from the program's data (--arm-only)."
     else:
         yield (
-            f"The identified tool is {figures['tool_shift_mm']:.3f} mm from the taught one; the points bring "
+            f"The identified tool is {figures.tool_shift_mm:.3f} mm from the taught one; the points bring "
             "the identified tool to the program's places."
         )
     yield _TAUGHT
-    written = ", ".join(figures["files"])
+    written = ", ".join(figures.files)
     yield f"Written: {written}" if written else "Nothing was written: give -o FOLDER."
 
 
@@ -317,7 +317,7 @@ def compare(model: ModelFile, wanted: Targets, file: str, correction_deg: float,
     found = compare_methods(model, wanted, file, correction_deg)
     if json_ != "-":
         _show(found, file)
-    write_json({"file": file, "targets": len(wanted.lines), "methods": [each.dump() for each in found]}, json_)
+    write_json({"file": file, "targets": len(wanted.lines), "methods": [as_json(each) for each in found]}, json_)
 
 
 def _show(found: Sequence[MethodFigures], file: str) -> None:
@@ -331,9 +331,9 @@ def _show(found: Sequence[MethodFigures], file: str) -> None:
         console.print(_passes(found))
     for words in _notes(found):
         console.print(words, markup=False, soft_wrap=True)
-    named = list(dict.fromkeys(pair for each in found for pair in each.unreached))
-    for line, reason in named[:SHOWN]:
-        typer.echo(f"{file}:{line}: {reason}", err=True)
+    named = list(dict.fromkeys(target for each in found for target in each.unreached))
+    for each in named[:SHOWN]:
+        typer.echo(f"{file}:{each.line}: {each.reason}", err=True)
     if len(named) > SHOWN:
         typer.echo(f"… and {len(named) - SHOWN} more (--json names them all)", err=True)
 

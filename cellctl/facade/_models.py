@@ -35,6 +35,7 @@ from cellctl.operations.exporting import ExportOptions, exported, model_source
 from cellctl.operations.fitting import Fitted
 from cellctl.operations.predicting import Predicted, predict_rows
 from cellctl.operations.program_compensation import ProgramOptions
+from cellctl.operations.results import as_json
 from cellctl.report.figures import fit_lines
 
 Form: TypeAlias = Literal["mdh-hayati", "dh-craig", "poe", "urdf", "dh-csv", "ur-calibration", "kuka", "abb", "fanuc"]
@@ -231,7 +232,7 @@ class Model:
         Arguments and errors as in `compensate`.
         """
         asked = asked_targets(self.file, self.path, targets, postures, cell)
-        return [each.dump() for each in compare_methods(asked.model, asked.wanted, asked.file, asked.limit_deg)]
+        return [as_json(each) for each in compare_methods(asked.model, asked.wanted, asked.file, asked.limit_deg)]
 
     def compensate_program(
         self,

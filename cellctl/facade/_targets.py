@@ -52,6 +52,7 @@ from cellctl.operations.program_compensation import (
     is_new_folder,
     refuse_method,
 )
+from cellctl.operations.results import as_json
 
 MOST_PASSES = 50
 """As the command line allows."""
@@ -315,7 +316,7 @@ class CompensatedProgram:
         files = ProgramFiles.of(program, options.config)
         place = CellRobot.load(shipped_file("cell", Path(cell))) if cell is not None else None
         found = compensate_files(model, name, files, method, options, place)
-        return cls(files, found.figures([]), found)
+        return cls(files, as_json(found.figures()), found)
 
     @property
     def counts(self) -> str:

@@ -289,7 +289,7 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
         artefact = load_artefact(Path(record.artefact)) if record.artefact else None
         suggestions = (read_json(Path(UNDERSTOOD)) or {}).get("suggestions")
         if not suggestions:
-            suggestions = suggest_robots(given.data, artefact).to_json()
+            suggestions = as_json(suggest_robots(given.data, artefact))
         if not record.robot and suggestions["certainty"] != "none":
             record = set_robot(Path(), suggestions["robots"][0]["name"])
         progress("set-up check", 0.6)
@@ -297,7 +297,7 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
         doubt = ""
         if record.robot and not found.problems:
             doubt = doubt_of(RobotFile.load(Path(record.robot)), given.data, artefact)
-        result = {**found.to_json(), "doubt": doubt, "suggestions": suggestions}
+        result = {**as_json(found), "doubt": doubt, "suggestions": suggestions}
         write_json(Path(UNDERSTOOD), result)
     return result
 

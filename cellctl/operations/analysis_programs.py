@@ -15,6 +15,7 @@ from cellctl.formats.targets import read_targets
 from cellctl.operations.analyses import MODEL, inside, write_json
 from cellctl.operations.compensating import compensate_targets
 from cellctl.operations.program_compensation import ProgramFiles, ProgramOptions, compensate_files
+from cellctl.operations.results import as_json
 from cellctl.pendant_import import choices, imported_targets
 
 _KRL = (".src", ".dat", ".sub")
@@ -89,7 +90,7 @@ def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest
     for part, content in made.texts().items():
         write_atomically(paths[part], content)
     written = [path.name for path in paths.values() if path.is_file()]
-    figures = made.figures([])
+    figures = as_json(made.figures())
     kept = ("compensated", "left", "correction_mm", "correction_deg", "before_mm", "after_mm", "tool_shift_mm", "paths")
     return {"kind": "program", "files": written, **{name: figures[name] for name in kept}}
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self, final
+from typing import Self, final
 
 import numpy as np
 
@@ -269,6 +269,15 @@ class Accuracy:
 
 @final
 @dataclass(frozen=True, slots=True)
+class UnreachedTarget:
+    """Line of a target that is not reached, and why."""
+
+    line: int
+    reason: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
 class MethodFigures:
     """One method on all targets.
 
@@ -281,7 +290,7 @@ class MethodFigures:
     method: str
     targets: int
     reached: int
-    unreached: list[tuple[int, str]]
+    unreached: tuple[UnreachedTarget, ...]
     before: Accuracy | None
     one_pass: Accuracy | None
     iterated: Accuracy | None
@@ -289,11 +298,6 @@ class MethodFigures:
     position_only: bool
     repeats: bool
     seconds_per_target: float
-
-    def dump(self) -> dict[str, Any]:
-        """As JSON."""
-        unreached = [{"line": line, "reason": reason} for line, reason in self.unreached]
-        return {**asdict(self), "unreached": unreached}
 
 
 def compare_methods(model: ModelFile, wanted: Targets, file: str, correction_deg: float) -> list[MethodFigures]:
@@ -315,7 +319,7 @@ def _figures(model: ModelFile, wanted: Targets, method: str, correction_deg: flo
         method=method,
         targets=len(good),
         reached=int(good.sum()),
-        unreached=tried.refused(),
+        unreached=tuple(UnreachedTarget(*each) for each in tried.refused()),
         before=_accuracy(tried.found.error_mm[0][good], tried.found.error_deg[0][good]),
         one_pass=_accuracy(*(each[rows] for each in after_one)),
         iterated=_accuracy(*(each[good] for each in _last(tried))),

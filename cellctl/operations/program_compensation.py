@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Self, final
 
 from cellctl.compensation import METHODS
 from cellctl.devices import TABLE_CORRECTION_DEG
@@ -14,7 +14,7 @@ from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile
 from cellctl.formats.table_making import mean_rms_max
 from cellctl.krl import KrlFile
-from cellctl.operations.compensated_program import CompensatedProgram
+from cellctl.operations.compensated_program import Changed, CompensatedProgram
 from cellctl.operations.compensated_program import compensate_program as compensated
 from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
 from cellctl.operations.program_goals import ProgramRobots
@@ -108,6 +108,114 @@ class ProgramOptions:
 
 
 @final
+@dataclass(frozen=True, slots=True)
+class LeftPlace:
+    """A place of a program that stays as it was, and why."""
+
+    file: str
+    line: int
+    name: str
+    reason: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class PointFigures:
+    """A compensated point, see `Changed`. motions: their lines. numbers: its new components, mm and deg."""
+
+    file: str
+    line: int
+    name: str
+    motions: tuple[int, ...]
+    numbers: dict[str, float]
+    correction_mm: float
+    correction_deg: float
+    before_mm: float
+    after_mm: float
+    turn: tuple[int, int] | None
+
+    @classmethod
+    def of(cls, program: Program, one: Changed) -> Self:
+        """The point `one` of `program`."""
+        return cls(
+            file=program.parts[one.written.part].name,
+            line=one.written.point.line,
+            name=one.written.point.name,
+            motions=one.lines,
+            numbers={label: float(text) for label, text in one.numbers.items()},
+            correction_mm=one.correction_mm,
+            correction_deg=one.correction_deg,
+            before_mm=one.before_mm,
+            after_mm=one.after_mm,
+            turn=one.turn,
+        )
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class PathFigures:
+    """The way to a point, see `program_paths.Path`; None where `reason` says why a number is not computed.
+
+    bound_mm, undivided_mm: upper bound of the deviation with and without the inserted points.
+    """
+
+    line: int
+    kind: str
+    before_mm: float | None
+    bound_mm: float | None
+    undivided_mm: float | None
+    largest_sample_mm: float | None
+    at_share: float | None
+    inserted: int
+    remarks: tuple[str, ...]
+    reason: str
+
+    @classmethod
+    def of(cls, path: ProgramPath) -> Self:
+        """The figures of `path`."""
+        return cls(
+            line=path.move.line,
+            kind=path.move.statement.kind,
+            before_mm=_known(path.before_mm),
+            bound_mm=_known(path.final_mm),
+            undivided_mm=_known(path.bound_mm),
+            largest_sample_mm=_known(path.sampled_mm),
+            at_share=_known(path.share),
+            inserted=0 if path.between is None else len(path.between.sent) - 1,
+            remarks=(*path.remarks, *([path.undivided] if path.undivided else [])),
+            reason=path.reason,
+        )
+
+
+def _known(number: float) -> float | None:
+    return float(number) if math.isfinite(number) else None
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ProgramFigures:
+    """A compensated program in figures, each `…_mm` and `…_deg` as mean, RMS and max over the points.
+
+    compensated: number of points. tool_shift_mm: of the identified tool from the taught one, None with the program's
+    tool. files: those written.
+    """
+
+    method: str
+    robot: str
+    compensated: int
+    left: tuple[LeftPlace, ...]
+    correction_mm: dict[str, float]
+    correction_deg: dict[str, float]
+    before_mm: dict[str, float]
+    after_mm: dict[str, float]
+    points: tuple[PointFigures, ...]
+    path_tolerance_mm: float
+    paths: tuple[PathFigures, ...]
+    tool_shift_mm: float | None
+    files: tuple[str, ...]
+
+
+@final
 @dataclass(frozen=True, eq=False)
 class CompensatedFiles:
     """A compensated program, with its paths between the points, and what it was compensated by."""
@@ -121,9 +229,25 @@ class CompensatedFiles:
         """The content of the changed files."""
         return program_text(self.program, self.paths)
 
-    def figures(self, files: list[Path]) -> dict[str, Any]:
-        """All that is known of the compensated program, as JSON; files: those written."""
-        return _figures(self.program, self.paths, self.tolerance_mm, self.method, files)
+    def figures(self, files: Sequence[Path] = ()) -> ProgramFigures:
+        """All that is known of the compensated program; files: those written."""
+        found, changed = self.program, list(self.program.changed.values())
+        robots = found.goals.robots
+        return ProgramFigures(
+            method=self.method,
+            robot=robots.model.robot.name,
+            compensated=len(changed),
+            left=tuple(LeftPlace(found.file(one), one.line, one.name, one.reason) for one in found.left),
+            correction_mm=mean_rms_max([one.correction_mm for one in changed]),
+            correction_deg=mean_rms_max([one.correction_deg for one in changed]),
+            before_mm=mean_rms_max([one.before_mm for one in changed]),
+            after_mm=mean_rms_max([one.after_mm for one in changed]),
+            points=tuple(PointFigures.of(found.program, one) for one in changed),
+            path_tolerance_mm=self.tolerance_mm,
+            paths=tuple(map(PathFigures.of, self.paths)),
+            tool_shift_mm=None if robots.arm_only else robots.tool_shift_mm,
+            files=tuple(map(str, files)),
+        )
 
 
 def compensate_files(
@@ -194,54 +318,3 @@ def _nothing(found: CompensatedProgram) -> Exception:
     if not problems:
         problems = [Problem(found.program.src.name, 0, 0, "has no motion")]
     return InputError(problems, "no point was compensated, nothing was written")
-
-
-def _figures(
-    found: CompensatedProgram, paths: Sequence[ProgramPath], tolerance: float, method: str, files: list[Path]
-) -> dict[str, Any]:
-    """All that is known of the compensated program, as JSON."""
-    changed = list(found.changed.values())
-    columns = ("correction_mm", "correction_deg", "before_mm", "after_mm")
-    return {
-        "method": method,
-        "robot": found.goals.robots.model.robot.name,
-        "compensated": len(changed),
-        "left": [
-            {"file": found.file(one), "line": one.line, "name": one.name, "reason": one.reason} for one in found.left
-        ],
-        **{name: mean_rms_max([getattr(one, name) for one in changed]) for name in columns},
-        "points": [
-            {
-                "file": found.program.parts[one.written.part].name,
-                "line": one.written.point.line,
-                "name": one.written.point.name,
-                "motions": list(one.lines),
-                "numbers": {label: float(text) for label, text in one.numbers.items()},
-                **{name: getattr(one, name) for name in columns},
-                "turn": list(one.turn) if one.turn else None,
-            }
-            for one in changed
-        ],
-        "path_tolerance_mm": tolerance,
-        "paths": [_path(path) for path in paths],
-        "tool_shift_mm": None if found.goals.robots.arm_only else found.goals.robots.tool_shift_mm,
-        "files": [str(path) for path in files],
-    }
-
-
-def _path(path: ProgramPath) -> dict[str, Any]:
-    def number(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
-    return {
-        "line": path.move.line,
-        "kind": path.move.statement.kind,
-        "before_mm": number(path.before_mm),
-        "bound_mm": number(path.final_mm),
-        "undivided_mm": number(path.bound_mm),
-        "largest_sample_mm": number(path.sampled_mm),
-        "at_share": number(path.share),
-        "inserted": 0 if path.between is None else len(path.between.sent) - 1,
-        "remarks": [*path.remarks, *([path.undivided] if path.undivided else [])],
-        "reason": path.reason,
-    }

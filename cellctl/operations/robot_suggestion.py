@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal, TypeAlias, final
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, final
 
 import numpy as np
+from pydantic import computed_field
 
 from cellctl.files import InputError
 from cellctl.formats import Artefact, RobotFile, measurements
@@ -56,8 +57,9 @@ class Suggestions:
     robots: Sequence[Suggestion]
     certainty: Certainty
 
+    @computed_field
     @property
-    def words(self) -> str:
+    def sentence(self) -> str:
         """How certain it is, in one sentence."""
         if self.certainty == "none":
             return (
@@ -73,10 +75,6 @@ class Suggestions:
         alike = [each.robot for each in self.robots if each.plausible]
         named = ", ".join(alike[1:4])
         return f"Most likely a {best.robot} ({error}). The rows do not exclude {named}: look at the type plate."
-
-    def to_json(self) -> dict[str, Any]:
-        """As JSON, with the sentence."""
-        return {"robots": [asdict(each) for each in self.robots], "certainty": self.certainty, "sentence": self.words}
 
 
 def suggest_robots(data: DataSet, artefact: Artefact | None = None, tool: Tool | None = None) -> Suggestions:

@@ -75,7 +75,7 @@ def _another_robot(files: SetupFiles, measured: Measurements, fit: WideFit) -> l
     if not fit.unrelated and not fit.wrong_lengths:
         return []
     nearer = nearer_robots(measured.robot, measured.data, files.points())
-    library = f": {nearer.robots[0].name} of the library. {nearer.words}" if nearer else ""
+    library = f": {nearer.robots[0].name} of the library. {nearer.sentence}" if nearer else ""
     if fit.unrelated:
         return [_unrelated(files, fit, library)]
     return [_wrong_lengths(files, fit, library)] if nearer or fit.impossible else []

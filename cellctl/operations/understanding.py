@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
+
+from pydantic import computed_field
 
 from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.files import InputError, Problem
@@ -82,9 +84,11 @@ class Understood:
         if self.robot:
             yield "Set-up check", self._check_words()
 
-    def to_json(self) -> dict[str, Any]:
-        """All of it as JSON; `facts`: the words."""
-        return {**asdict(self), "facts": [list(pair) for pair in self.words()]}
+    @computed_field
+    @property
+    def facts(self) -> tuple[tuple[str, str], ...]:
+        """The words."""
+        return tuple(self.words())
 
     def _rows_words(self) -> str:
         kinds = _counted({noun: count for noun, count in self.kinds.items() if count}, "{1} {0}")

@@ -220,7 +220,7 @@ def test_a_urdf_is_converted_and_understood_as_the_robot_file_is(with_urdf: Path
     replace(analyses.Analysis.load(with_urdf), answers={"repeatability": "0,05"}).save(with_urdf)
     found = analyses.understand_analysis(with_urdf)
     record = analyses.Analysis.load(with_urdf)
-    assert (record.robot, record.library, found["problems"]) == ("arm.yaml", "", ())
+    assert (record.robot, record.library, found["problems"]) == ("arm.yaml", "", [])
     assert RobotFile.load(with_urdf / "arm.yaml").repeatability == 0.05
     assert analyses.fit_analysis(with_urdf, FitSettings(model="geometry")).verdict == "better"
 

@@ -5,10 +5,11 @@ Of a page it is the data that it draws.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,12 @@ import pytest
 
 import cellctl
 from cellctl.console.commands import live_rows
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
 from cellctl.formats import TableFile
+from cellctl.installed import shipped
 from cellctl.operations import analyses
+from cellctl.operations.cell_state import examine_cell, last_examination
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.results import as_json
 from cellctl.operations.table import TableRecorder
@@ -124,6 +129,28 @@ def test_the_difference_of_two_tables(doors: Doors) -> None:
     by_command = doors.by_command("table", "diff", doors.tables[0][:12], doors.tables[1][:12], "--runs", doors.runs)
     assert (by_command["matched"], by_command["only_a"]) == (3, [4, 5, 6, 7, 8])
     assert doors.by_api("tables/diff", a=doors.tables[0], b=doors.tables[1]) == by_command
+
+
+def test_predictions(doors: Doors, tmp_path: Path) -> None:
+    place = doors.runs / RUNS[0]
+    command("predict", str(place / "model.json"), str(place / "targets.csv"), "-o", str(tmp_path / "by_command.csv"))
+    cellctl.load(place / "model.json").predict(place / "targets.csv").to_csv(tmp_path / "by_python.csv")
+    assert (tmp_path / "by_command.csv").read_text().count("\n") == 9
+    assert (tmp_path / "by_python.csv").read_bytes() == (tmp_path / "by_command.csv").read_bytes()
+
+
+def test_the_examination_of_a_cell(doors: Doors) -> None:
+    """The page of a cell draws the state that the API answers."""
+    cell = Cell.load(shipped("cell")["sphere_cell"], DriverRegistry())
+    by_command = doors.by_command("doctor", cell.path)
+    assert by_command["healthy"]
+    asyncio.run(examine_cell(cell.path, doors.runs))
+    kept = last_examination(cell, doors.runs)
+    assert kept
+    assert [each.name for each in kept.devices] == [each["name"] for each in by_command["devices"]]
+    assert as_json(replace(kept, at="")).keys() == by_command.keys()
+    shown = [(each["serial"], each["state"]) for each in doors.by_api("cells/sphere_cell")["devices"]]
+    assert shown == [(each["identity"]["serial"], "in order") for each in by_command["devices"]]
 
 
 def test_the_library_of_robots(doors: Doors) -> None:

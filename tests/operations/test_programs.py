@@ -239,9 +239,9 @@ def test_compensated_files_have_the_figures_of_their_points_and_paths(tmp_path: 
     figures = made.figures([tmp_path / "out.src"])
     goals = [each.parts[0].goal for each in made.program.changed.values()]
     before = [float(np.linalg.norm(goal.pose[:3, 3] - TRUE.points(goal.q[None])[0])) for goal in goals]
-    assert [point["name"] for point in figures["points"]] == ["XP1", "XP2", "XP3", "XP4"]
-    assert figures["before_mm"]["max"] == pytest.approx(max(before), abs=1e-5)
-    assert figures["tool_shift_mm"] == pytest.approx(1.1, abs=1e-9), "the model's tool_y"
-    assert [path["line"] for path in figures["paths"]] == [5, 6]
+    assert [point.name for point in figures.points] == ["XP1", "XP2", "XP3", "XP4"]
+    assert figures.before_mm["max"] == pytest.approx(max(before), abs=1e-5)
+    assert figures.tool_shift_mm == pytest.approx(1.1, abs=1e-9), "the model's tool_y"
+    assert [path.line for path in figures.paths] == [5, 6]
     with pytest.raises(InputError, match="is not X,Y,Z,A,B,C"):
         compensate_files(kr5_model(), "m.json", files, "pseudo-target", ProgramOptions(tool="1,2,nan,4,5,6"), None)

@@ -35,7 +35,7 @@ def test_the_robot_that_was_measured_comes_first_and_the_share_outside_the_limit
     assert best.rms_mm is not None
     assert best.rms_mm < 1e-3, "its links are those of the library, base and tool are fitted"
     others = [each.rms_mm for each in found.robots[1:] if each.rms_mm is not None]
-    assert found.words.endswith(f"; the next robot {min(others):.3g} mm.")
+    assert found.sentence.endswith(f"; the next robot {min(others):.3g} mm.")
     [irb] = (each for each in found.robots if each.name == "irb120")
     beyond = np.maximum(IRB120_LIMITS[:, 0] - READINGS, READINGS - IRB120_LIMITS[:, 1]).max(axis=1)
     assert irb.outside == pytest.approx(np.mean(beyond > 5.0)), "5° beyond a limit are still taken for its end"

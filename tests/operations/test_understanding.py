@@ -127,10 +127,10 @@ def test_a_robot_program_with_a_table_of_positions_becomes_a_data_set(tmp_path: 
 def test_the_library_robot_that_was_measured_is_suggested() -> None:
     found = suggest_robots(DataSet.load(INPUTS / "poses.csv"))
     assert (found.robots[0].name, found.certainty) == ("kr5_r1400", "clear")
-    assert found.words.startswith("This is a KUKA KR5 R1400")
+    assert found.sentence.startswith("This is a KUKA KR5 R1400")
 
 
 def test_no_robot_is_suggested_for_rows_of_another_arm() -> None:
     found = suggest_robots(DataSet.load(INPUTS / "positions.csv"))
     assert found.certainty == "none"
-    assert "give your own robot file" in found.words
+    assert "give your own robot file" in found.sentence

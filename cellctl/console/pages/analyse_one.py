@@ -151,7 +151,7 @@ def robot_choice(shown: Shown, choose: Callable[[str], Awaitable[None]], *, enab
     field = ui.select(options, label=label, with_input=True, value=state.library or None, on_change=chosen)
     field.props("outlined dense").style("max-width: 28rem").set_enabled(enabled)
     if found:
-        ui.label(found.words).classes("note")
+        ui.label(found.sentence).classes("note")
 
 
 @final
