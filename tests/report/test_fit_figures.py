@@ -25,7 +25,7 @@ from cellctl.calibration import (
 from cellctl.kinematics import to_poe
 from cellctl.report.fit import _advice as advices
 from cellctl.report.fit import _by_place, _parameter_pictures, _parameters, _residual_pictures
-from cellctl.report.fit._advice import advice, narrows
+from cellctl.report.fit._advice import advice, candidates, narrows
 from cellctl.report.fit._region import RegionSigma, along_joint
 from cellctl.report.fit._residual_pictures import coverage, scaled_numbers
 from cellctl.report.fit._rows import head
@@ -297,7 +297,7 @@ def test_sigma_over_the_region_is_the_fits_own_and_grows_beyond_it(seen):
 
 
 def test_rows_advised_are_within_the_limits_and_each_lowers_sigma(touched):
-    told_ = advice(touched, RegionSigma.of(touched))
+    told_ = advice(touched, RegionSigma.of(touched), candidates(touched)[0])
     limits = KR5.limits()
     sigma = [float(told_["now"]), *(float(row["sigma"]) for row in told_["rows"])]
     assert len(told_["rows"]) == 8
@@ -409,7 +409,7 @@ def test_a_robot_of_two_joints_is_advised_too():
     region = np.array([[-80.0] * 2, [80.0] * 2])
     robot = arm(2)
     story = told(measured(positions(60, robot=robot, region=region), robot), robot=robot)
-    assert len(advice(story, RegionSigma.of(story))["rows"][0]["readings"]) == 2
+    assert len(advice(story, RegionSigma.of(story), candidates(story)[0])["rows"][0]["readings"]) == 2
 
 
 def test_tolerances_that_the_rows_widened_are_told_as_stated_with_the_factor():
