@@ -211,7 +211,7 @@ BAD = {
     "kriging:weights=initial": "kriging: weights=initial: the paper has them for six joints; give equal or searched",
     "geometry+perceptron:layers=0": "perceptron: layers=0: give rows, or units of one to four layers, as 16 or 32-16",
     "compliance:a=1": "compliance: it has no settings",
-    "geometry+poe": "'geometry+poe': geometry, poe, zeros are one choice, as geometry has the zeros",
+    "geometry+poe": "'geometry+poe': name one of geometry, poe, zeros: geometry holds the zeros",
 }
 
 

@@ -114,7 +114,7 @@ def _wrong(choice: str, given: Collection[str]) -> str | None:
     if len(given) > 1 and any(term in given for term in _ALONE):
         return f"'{choice}': {' and '.join(_ALONE)} stand alone"
     if sum(term in given for term in _TABLE) > 1:
-        return f"'{choice}': {', '.join(_TABLE)} are one choice, as geometry has the zeros"
+        return f"'{choice}': name one of {', '.join(_TABLE)}: geometry holds the zeros"
     return None
 
 
