@@ -14,7 +14,15 @@ from typing import Any, Protocol, final
 
 from cellctl.devices._protocols import JointReadings
 from cellctl.devices.errors import DeviceFault, DeviceRefused
-from cellctl.devices.tables import ControllerTable, TableInfo, TableRow, TableState, refuse_corrections, refuse_rows
+from cellctl.devices.tables import (
+    ControllerTable,
+    TableInfo,
+    TableRow,
+    TableState,
+    refuse_correction,
+    refuse_corrections,
+    refuse_rows,
+)
 from cellctl.files import canonical_json, sha256_of, write_atomically
 
 MOST_ROWS = 10_000
@@ -78,8 +86,9 @@ class HostTables:
         if table is None or not 1 <= row <= len(table.rows):
             rows = f"rows 1 … {len(table.rows)}" if table else "no table"
             raise DeviceRefused(self.device, f"there is no row {row}: this computer holds {rows} for it")
-        refuse_corrections(self.device, table, self.correction_deg)
-        return table.rows[row - 1].compensated
+        found = table.rows[row - 1]
+        refuse_correction(self.device, f"row {row} of table {table.id[:12]}", found, self.correction_deg)
+        return found.compensated
 
     def _kept(self) -> tuple[ControllerTable | None, ControllerTable | None]:
         if not self.file.exists():

@@ -108,10 +108,14 @@ def refuse_rows(device: str, table: ControllerTable, most: int) -> None:
 def refuse_corrections(device: str, table: ControllerTable, most_deg: float) -> None:
     """Raise LimitExceeded for a row that corrects a joint by more than `most_deg`, deg."""
     for number, row in enumerate(table.rows, 1):
-        largest = max(abs(a - b) for a, b in zip(row.compensated, row.nominal, strict=True))
-        if not largest <= most_deg:  # a NaN is no correction either
-            what = f"row {number} of table {table.id[:12]} corrects a joint by {largest:.3f}°"
-            raise LimitExceeded(device, f"{what} (at most {most_deg:g}°)")
+        refuse_correction(device, f"row {number} of table {table.id[:12]}", row, most_deg)
+
+
+def refuse_correction(device: str, name: str, row: TableRow, most_deg: float) -> None:
+    """The same for one row; name: of it, as the error begins."""
+    largest = max(abs(a - b) for a, b in zip(row.compensated, row.nominal, strict=True))
+    if not largest <= most_deg:  # a NaN is no correction either
+        raise LimitExceeded(device, f"{name} corrects a joint by {largest:.3f}° (at most {most_deg:g}°)")
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from cellctl.devices import (
     LimitExceeded,
     TableState,
 )
-from cellctl.devices.tables import lost_before_activation, refuse_corrections
+from cellctl.devices.tables import lost_before_activation, refuse_correction, refuse_corrections
 from drivers.kuka_varproxy.line import ProxyLine, ProxyPlace
 from drivers.kuka_varproxy.moving import ACTUAL, Job, Mover
 from drivers.kuka_varproxy.readiness import SLOWEST_PERCENT, AxisRanges, MoveLimits, health_of, require_version
@@ -116,7 +116,7 @@ class VarProxyRobot:
         percent = self._percent(speed_percent)
         with self._one_at_a_time():
             found = await self._tables().active_row(row)
-            refuse_corrections(self.name, ControllerTable("in force", "", (found,)), self._table_correction_deg)
+            refuse_correction(self.name, f"row {row} of the table in force", found, self._table_correction_deg)
             return await self._go(Job(found.compensated, percent, row))
 
     async def stop(self) -> None:
