@@ -57,7 +57,7 @@ class _MapTerm(LearntMap):
         made: Any = cls
         return made(joints, options)  # type: ignore[no-any-return]  # each derived class is a dataclass
 
-    @property
+    @cached_property
     def settings(self) -> dict[str, Any]:
         """What the settings mean."""
         return _settings.values_of(self.SETTINGS, self.options)
@@ -124,7 +124,7 @@ class KrigingTerm(_MapTerm):
         """λ by cross-validation, weights by a test set within the rows, then λ again with these weights."""
         at, errors = checked(inputs(self.settings["space"], left.model.nominal, left.at.q), left.errors)
         method = self._tuned(Kriging(self._initial(at), power=_POWERS[self.settings["semivariogram"]]), at, errors)
-        if self.settings["weights"] == "searched" and len(at) >= TESTED * LEAST:
+        if self._is_searched(at):
             method = self._tuned(replace(method, joint_weights=self._searched(method, at, errors)), at, errors)
         found = method.fit(at, errors)
         inflation, constant = _sigma_by_folds(self._method_of_fold(method), at, errors, left.stated)
@@ -146,6 +146,9 @@ class KrigingTerm(_MapTerm):
         published = self.settings["space"] == "joints" and at.shape[1] == INITIAL_WEIGHTS.shape[1]
         return INITIAL_WEIGHTS if published and self.settings["weights"] != "equal" else np.ones((3, at.shape[1]))
 
+    def _is_searched(self, at: Floats) -> bool:
+        return self.settings["weights"] == "searched" and len(at) >= TESTED * LEAST
+
     def _tuned(self, method: Kriging, at: Floats, errors: Floats) -> Kriging:
         """`method` with λ as given, or as predicts held-out rows best."""
         given = self.settings["lambda"]
@@ -159,7 +162,7 @@ class KrigingTerm(_MapTerm):
         """`method` as a fold finds it: weights that were searched in all rows would know those that are held out."""
 
         def of(at: Floats, errors: Floats) -> Kriging:
-            if self.settings["weights"] != "searched" or len(at) < TESTED * LEAST:
+            if not self._is_searched(at):
                 return method
             return replace(method, joint_weights=self._searched(method, at, errors, FOLD_PARTICLES, FOLD_ROUNDS))
 

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from cellctl.calibration import Effect, settings_of
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
-from cellctl.files import load_yaml, parse_yaml
+from cellctl.files import load_yaml
 from cellctl.formats import ModelFile, RobotFile, nominal_model, postures_of
-from cellctl.formats.description import RobotDescription, robot_text
+from cellctl.formats.description import in_poe
 from cellctl.formats.model import Centre, JointRegion, Parameter
 from cellctl.kinematics import Link
 from cellctl.planning import RobotPostures
@@ -224,7 +224,7 @@ def library_robot(name: str) -> RobotFile:
 
 def by_axes(robot: RobotFile) -> RobotFile:
     """The same robot by its joints' axes (poe)."""
-    return RobotFile.from_document(parse_yaml(robot_text(RobotDescription.of(robot), "poe", "robot"), "robot.yaml"))
+    return in_poe(robot)
 
 
 def model_of(robot: RobotFile, values: dict[str, float], effects: tuple = (), region=None) -> ModelFile:

@@ -11,16 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration.effects import Effect, EffectInputs, ResidualModel, functions, in_order, kinds
+from cellctl.calibration.effects import Effect, ResidualModel, functions, in_order, kinds
 from cellctl.calibration.folds import end_folds, judging, random_folds
 from cellctl.calibration.identification.identify import Weights, certified_rows, identify_kept, nominal_start
+from cellctl.calibration.identification.learning import ALONG, TcpShift
 from cellctl.calibration.identification.progress import Progress, silent
-from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
-from cellctl.calibration.model.postures import Postures
+from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.residual_model import Remainder
 from cellctl.calibration.model.unknowns import GEOMETRY
 from cellctl.calibration.problem.task import Task
@@ -28,45 +28,17 @@ from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.selection.cross_validation import Folded, Linear
 from cellctl.calibration.selection.model_error import WORSE_AT_END, Gain, carried, worst_end
 from cellctl.calibration.solver.evidence import Factor
-from cellctl.kinematics import Bools, Floats, SerialChain
+from cellctl.kinematics import Bools, Floats
 
 ROWS = 300
 """Rows used, at most: the time grows with their cube, and the settings hardly change."""
 
-ALONG = 1e-3
-"""Rows whose numbers show one direction of the TCP this much less than another do not measure a point."""
-
-
-@final
-@dataclass(frozen=True)
-class _TcpShift(Effect):
-    """A shift of the TCP along the axes of the base, the same at each posture: only to see which rows measure it."""
-
-    group: ClassVar[Group] = "shift of the TCP"
-    title: ClassVar[str] = "Shift of the TCP"
-
-    @classmethod
-    def of_inputs(cls, setup: EffectInputs) -> Self:
-        return cls()
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        phrase = Phrase(self.group, self.group)
-        return tuple(Parameter(f"shift_{axis}", MM, self.group, f"shift {axis.upper()}", phrase) for axis in "xyz")
-
-    @property
-    def sigma(self) -> Floats:
-        return np.ones(3)
-
-    def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
-        return np.tile(np.eye(3), (len(at), 1, 1))
-
 
 def shifts_of_tcp(task: Task, rows: RowBlocks) -> Floats:
     """How a shift of the TCP by 1 mm along each axis of the base changes the numbers of each row: (N, k, 3), in σ."""
-    moved = task.with_effects((_TcpShift(),))
+    moved = task.with_effects((TcpShift(),))
     unknowns = nominal_start(moved, rows)
-    only = unknowns.masked(unknowns.among(frozenset({_TcpShift.group})))
+    only = unknowns.masked(unknowns.among(frozenset({TcpShift.group})))
     return Linear.about(only, np.zeros(len(only.names)), rows, ()).columns
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cellctl.calibration.model.effect import Effect, EffectInputs
 from cellctl.calibration.model.learnt_map import LearntMap, Left
-from cellctl.calibration.model.parameter import Group, Parameter
+from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State
@@ -23,29 +23,32 @@ ALONG = 1e-3
 
 
 @final
-@dataclass(frozen=True, eq=False)
-class _Shifted(Effect):
-    """The TCP shifted by 1 mm along one axis of the base: only to see how a row measures it."""
-
-    axis: int
+@dataclass(frozen=True)
+class TcpShift(Effect):
+    """A shift of the TCP along the axes of the base, the same at each posture: only to see which rows measure it."""
 
     group: ClassVar[Group] = "shift of the TCP"
     title: ClassVar[str] = "Shift of the TCP"
 
     @classmethod
-    def of_inputs(cls, setup: EffectInputs) -> Self | None:
-        return None
+    def of_inputs(cls, setup: EffectInputs) -> Self:
+        """For any robot."""
+        return cls()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return ()
+        """x, y, z, mm."""
+        phrase = Phrase(self.group, self.group)
+        return tuple(Parameter(f"shift_{axis}", MM, self.group, f"shift {axis.upper()}", phrase) for axis in "xyz")
 
     @property
     def sigma(self) -> Floats:
-        return np.zeros(0)
+        """1 mm each (3,)."""
+        return np.ones(3)
 
-    def fixed_shift(self, nominal: SerialChain, at: Postures) -> Floats:
-        return np.tile(np.eye(3)[self.axis], (len(at), 1))
+    def shifts(self, nominal: SerialChain, at: Postures) -> Floats:
+        """Ψ (N, 3, 3)."""
+        return np.tile(np.eye(3), (len(at), 1, 1))
 
 
 def with_maps(found: Estimate, rows: RowBlocks) -> Estimate:
@@ -54,19 +57,24 @@ def with_maps(found: Estimate, rows: RowBlocks) -> Estimate:
     """
     for place, effect in enumerate(found.state.model.effects):
         if isinstance(effect, LearntMap):
-            found = _with_effect(found, place, effect.learnt(_left(found, rows)))
+            found = _with_map(found, place, effect.learnt(_left(found, rows)))
     return found
 
 
-def _with_effect(found: Estimate, place: int, effect: Effect) -> Estimate:
+def _with_map(found: Estimate, place: int, learnt: LearntMap) -> Estimate:
+    """`found` with a map that has its content; it has no amounts, so that all else stays."""
     start = found.unknowns.start
-    effects = (*start.model.effects[:place], effect, *start.model.effects[place + 1 :])
-    return replace(found, unknowns=replace(found.unknowns, start=_with_effects(start, effects)))
+    effects = (*start.model.effects[:place], learnt, *start.model.effects[place + 1 :])
+    models: list[RobotModel] = [replace(model, effects=effects) for model in start.models]
+    return replace(found, unknowns=replace(found.unknowns, start=replace(start, models=tuple(models))))
 
 
-def _with_effects(state: State, effects: tuple[Effect, ...]) -> State:
-    """`state` with other effects; those that differ have no amounts."""
-    models: list[RobotModel] = [replace(model, effects=effects) for model in state.models]
+def _shifted(state: State, along: Floats) -> State:
+    """`state` with the TCP shifted by `along` (3,), mm, along the axes of the base."""
+    models = [
+        replace(model, effects=(*model.effects, TcpShift())).with_deviations(np.append(model.deviations, along))
+        for model in state.models
+    ]
     return replace(state, models=tuple(models))
 
 
@@ -89,10 +97,7 @@ def _of_block(state: State, block: Measured) -> tuple[Postures, Floats, Floats]:
     least of them, −C⁺ r, is actual − model; its covariance is (CᵀC)⁻¹.
     """
     residual = block.residual(state) / block.sigma
-    effects = state.model.effects
-    moved = [
-        block.residual(_with_effects(state, (*effects, _Shifted(axis)))) / block.sigma - residual for axis in range(3)
-    ]
+    moved = [block.residual(_shifted(state, along)) / block.sigma - residual for along in np.eye(3)]
     columns = np.stack(moved, axis=-1)
     singular = np.linalg.svd(columns, compute_uv=False)
     whole = np.flatnonzero(singular[:, -1] > ALONG * singular[:, 0]) if columns.shape[1] >= 3 else np.zeros(0, int)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self, TypeAlias, final
@@ -72,16 +73,15 @@ class RobotModel:
 
     def open_variance(self, at: At) -> Floats:
         """Variance that its residual models leave open at each posture (N,): mm² of the TCP on each axis."""
-        postures = Postures.of(at)
-        return np.asarray(
-            sum((each.variance(self.nominal, postures) for each in self.residual_models), np.zeros(len(postures)))
-        )
+        return self._variance_of(self.residual_models, at)
 
     def map_variance(self, at: At) -> Floats:
         """The part of `open_variance` (N,) that its error maps leave; NaN: they state none."""
+        return self._variance_of([each for each in self.residual_models if each.is_map], at)
+
+    def _variance_of(self, models: Sequence[ResidualModel], at: At) -> Floats:
         postures = Postures.of(at)
-        maps = [each for each in self.residual_models if each.is_map]
-        return np.asarray(sum((each.variance(self.nominal, postures) for each in maps), np.zeros(len(postures))))
+        return np.asarray(sum((each.variance(self.nominal, postures) for each in models), np.zeros(len(postures))))
 
     def outside(self, at: At) -> Floats:
         """How far each posture (N,) is outside the region of its residual models: 0 to 1, a share of variance."""
