@@ -148,12 +148,12 @@ def show_compared(found: ComparedFits) -> None:
     for column in ("mean", "RMS", "max", "in 95 %", "σ stated/found", "mean less than first, 95 %", "s"):
         table.add_column(column, justify="right")
     table.add_row("nominal", *_cells(asdict(found.nominal)), *[""] * 4)
-    for each in found.models:
+    for each, took in zip(found.models, found.seconds, strict=True):
         less = interval(each.less) if each.less else ""
         sigma = ["none", ""]
         if each.coverage_95 is not None and each.stated_over_found is not None:
             sigma = [f"{100.0 * each.coverage_95:.0f} %", f"{each.stated_over_found:.2f}"]
-        table.add_row(each.choice, *_cells(asdict(each.test)), *sigma, less, f"{each.seconds:.1f}")
+        table.add_row(each.choice, *_cells(asdict(each.test)), *sigma, less, f"{took:.1f}")
     console = Console(highlight=False, soft_wrap=True)
     console.width = max(console.width, _WIDE)
     console.print(table)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellctl.calibration.verdict.comparison import ComparedFits, Difference
+from cellctl.calibration.verdict.comparison import ComparedFits, ComparedModel
 from cellctl.kinematics import Floats
 from cellctl.report._page import template
 from cellctl.report.drawing import ACCENT, BEFORE, FAINT, HELD_OUT, INK, millimetres, svg_of
@@ -30,7 +30,10 @@ def compared_page(found: ComparedFits, title: str, sources: dict[str, str]) -> s
         ],
         sentence=found.sentence,
         nominal=_texts(found.nominal),
-        rows=[_row(each) for each in found.models],
+        rows=[
+            {**model_cells(each), "seconds": f"{took:.1f}"}
+            for each, took in zip(found.models, found.seconds, strict=True)
+        ],
         folds=folds,
         errors=error_curves(
             found.results[0].nominal_errors,
@@ -46,8 +49,9 @@ def _texts(figures: Any) -> tuple[str, str, str]:
     return fixed(figures.mean), fixed(figures.rms), fixed(figures.max)
 
 
-def _row(each: Any) -> dict[str, Any]:
-    less: Difference | None = each.less
+def model_cells(each: ComparedModel) -> dict[str, Any]:
+    """The cells of a model's line in a table."""
+    less = each.less
     return {
         "choice": each.choice,
         "terms": each.model if each.model != each.choice else "",
@@ -58,7 +62,6 @@ def _row(each: Any) -> dict[str, Any]:
         "less": "" if less is None else fixed(less.mean),
         "ends": "" if less is None else f"{fixed(less.low)} … {fixed(less.high)}",
         "decided": less is not None and less.decided,
-        "seconds": f"{each.seconds:.1f}",
     }
 
 

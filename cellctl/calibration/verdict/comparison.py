@@ -69,7 +69,7 @@ def fold_means(values: Floats, split: Split) -> Floats:
 class ComparedModel:
     """One model on held-out rows. choice: as named; model: its terms. test: errors, mm. coverage_95, predicted_rms
     (mm): None where it states no σ. less: mean error less that of the first, mm, with its 95 % interval; None for the
-    first. seconds: of its fits.
+    first.
     """
 
     choice: str
@@ -79,7 +79,6 @@ class ComparedModel:
     coverage_95: float | None
     predicted_rms: float | None
     less: Difference | None
-    seconds: float
 
     @property
     def stated_over_found(self) -> float | None:
@@ -90,13 +89,14 @@ class ComparedModel:
 @final
 @dataclass(frozen=True, eq=False)
 class ComparedFits:
-    """Nominal's errors on the held-out rows, mm, and each model. results: their fits; split: their rows; noun: of these
-    rows, such as positions.
+    """Nominal's errors on the held-out rows, mm, and each model. results: their fits; seconds: that these took; split:
+    their rows; noun: of these rows, such as positions.
     """
 
     nominal: ErrorFigures
     models: tuple[ComparedModel, ...]
     results: tuple[FitResult, ...]
+    seconds: tuple[float, ...]
     split: Split
     noun: str
 
@@ -105,9 +105,8 @@ class ComparedFits:
         cls, choices: Sequence[str], results: Sequence[FitResult], seconds: Sequence[float], split: Split, noun: str
     ) -> Self:
         """Of the fits of `choices` with this split, the first one first."""
-        columns = zip(choices, results, seconds, strict=True)
-        models = tuple(_compared(name, result, results[0], split, took) for name, result, took in columns)
-        return cls(results[0].nominal, models, tuple(results), split, noun)
+        models = compared_models(choices, results, split)
+        return cls(results[0].nominal, models, tuple(results), tuple(round(each, 3) for each in seconds), split, noun)
 
     @property
     def sentence(self) -> str:
@@ -125,7 +124,10 @@ class ComparedFits:
 
     def figures(self) -> dict[str, Any]:
         """For JSON: rows held out, nominal's errors, and each model."""
-        rows = [{**asdict(each), "stated_over_found": each.stated_over_found} for each in self.models]
+        rows = [
+            {**asdict(each), "seconds": took, "stated_over_found": each.stated_over_found}
+            for each, took in zip(self.models, self.seconds, strict=True)
+        ]
         return {"n_test": self.results[0].n_test, "nominal": asdict(self.nominal), "models": rows}
 
     def fold_means(self, place: int) -> Floats:
@@ -138,7 +140,12 @@ def interval(less: Difference) -> str:
     return f"{less.mean:+.3f}, 95 % {less.low:+.3f} … {less.high:+.3f}".replace("-", "−")
 
 
-def _compared(name: str, result: FitResult, first: FitResult, split: Split, seconds: float) -> ComparedModel:
+def compared_models(choices: Sequence[str], results: Sequence[FitResult], split: Split) -> tuple[ComparedModel, ...]:
+    """The fits of `choices` with this split, each compared with the first one."""
+    return tuple(_compared(name, result, results[0], split) for name, result in zip(choices, results, strict=True))
+
+
+def _compared(name: str, result: FitResult, first: FitResult, split: Split) -> ComparedModel:
     stated = bool(np.isfinite(result.predicted_test_rms))
     return ComparedModel(
         choice=name,
@@ -148,5 +155,4 @@ def _compared(name: str, result: FitResult, first: FitResult, split: Split, seco
         coverage_95=result.coverage_95 if stated else None,
         predicted_rms=result.predicted_test_rms if stated else None,
         less=None if result is first else Difference.of(first.test_errors, result.test_errors, split),
-        seconds=round(seconds, 3),
     )

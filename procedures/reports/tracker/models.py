@@ -10,11 +10,10 @@ import numpy as np
 from cellctl.analysis import ErrorSet, UnsuitableRows, similarity
 from cellctl.records import IdentificationRow, ResidualsRow
 from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.compared_fits import error_curves
-from cellctl.report.figures import fixed, percent
+from cellctl.report.compared_fits import error_curves, model_cells
 from cellctl.report.fit.residuals import Residuals
 from cellctl.report.similarity import by_joint
-from procedures.steps.tracker.rows import ComparedModel, ComparedModelsRow
+from procedures.steps.tracker.rows import ComparedModelsRow
 
 PUBLISHED = {
     "kriging, weights searched": ("0.089", "0.172"),
@@ -29,26 +28,14 @@ def build(run: Run) -> Mapping[str, Any] | None:
     row = run.state.last(ComparedModelsRow)
     if row is None or not row.models:
         return None
-    errors = [(each.choice, np.array(each.errors)) for each in row.models]
+    errors = [(each.choice, np.array(of)) for each, of in zip(row.models, row.errors, strict=True)]
     kriging = "kriging" in row.models[0].choice
     return {
-        "rows": [_line(each) for each in row.models],
+        "rows": [model_cells(each) for each in row.models],
         "left_out": row.left_out,
         "errors": error_curves(np.array(row.nominal), errors),
         "published": [(name, *figures) for name, figures in PUBLISHED.items()] if kriging else [],
         "joints": _joints(run) if kriging else "",
-    }
-
-
-def _line(each: ComparedModel) -> dict[str, Any]:
-    test, stated = each.test, each.coverage_95 is not None and each.predicted_rms is not None
-    return {
-        "choice": each.choice,
-        "figures": [fixed(test.mean), fixed(test.rms), fixed(test.max)],
-        "inside": percent(each.coverage_95) if stated else "none",
-        "ratio": f"{each.predicted_rms / test.rms:.2f}" if each.predicted_rms and test.rms else "",
-        "less": "" if each.less is None else fixed(each.less[0]),
-        "ends": "" if each.less is None else f"{fixed(each.less[1])} … {fixed(each.less[2])}",
     }
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 
-from cellctl.calibration import fit
-from cellctl.calibration.verdict.comparison import Difference
+from cellctl.calibration import FitResult, Split, fit
+from cellctl.calibration.verdict.comparison import compared_models
 from cellctl.files import InputError
-from cellctl.formats import DataSet, RobotFile, measurements
+from cellctl.formats import RobotFile, measurements
 from cellctl.procedure import StepContext, StepInputs, step
-from cellctl.records import Figures
 from procedures.steps.identified import held_out_split
-from procedures.steps.tracker.identification import pose_data
-from procedures.steps.tracker.rows import ComparedModel, ComparedModelsRow
+from procedures.steps.tracker.identification import kind_of, pose_data
+from procedures.steps.tracker.rows import ComparedModelsRow
 
 
 class CompareInputs(StepInputs):
@@ -36,35 +33,22 @@ async def compare(context: StepContext, inputs: CompareInputs) -> None:
 
 def _compared(context: StepContext, names: tuple[str, ...]) -> ComparedModelsRow:
     robot, (data, _) = RobotFile.load(context.robot_file), pose_data(context)
-    models: list[ComparedModel] = []
+    choices: list[str] = []
+    results: list[FitResult] = []
     left_out: list[str] = []
-    first = None
+    split = Split.by_column(np.zeros(0, bool))
     for name in names:
         try:
-            measured = measurements(
-                robot,
-                DataSet.parse(data.text(), "dataset.csv"),
-                measure="pose" if data.has("QW") else "position",
-                model=name,
-            )
+            measured = measurements(robot, data, measure=kind_of(data), model=name)
             split = held_out_split(measured)
-            result = fit(measured.task, split)
+            results.append(fit(measured.task, split))
+            choices.append(name)
         except (InputError, ValueError) as error:
             reason = error.problems[0].what if isinstance(error, InputError) else str(error)
             left_out.append(f"{name}: {reason}")
-            continue
-        first = first or result
-        less = Difference.of(first.test_errors, result.test_errors, split)
-        stated = bool(np.isfinite(result.predicted_test_rms))
-        models.append(
-            ComparedModel(
-                choice=name,
-                test=Figures(**asdict(result.test)),
-                coverage_95=result.coverage_95 if stated else None,
-                predicted_rms=result.predicted_test_rms if stated else None,
-                less=None if result is first else (less.mean, less.low, less.high),
-                errors=tuple(result.test_errors.tolist()),
-            )
-        )
-    nominal = tuple(first.nominal_errors.tolist()) if first else ()
-    return ComparedModelsRow(models=tuple(models), nominal=nominal, left_out=tuple(left_out))
+    return ComparedModelsRow(
+        models=compared_models(choices, results, split),
+        errors=tuple(tuple(result.test_errors.tolist()) for result in results),
+        nominal=tuple(results[0].nominal_errors.tolist()) if results else (),
+        left_out=tuple(left_out),
+    )

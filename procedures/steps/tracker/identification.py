@@ -85,7 +85,7 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     """
     robot = RobotFile.load(context.robot_file)
     data, ambiguous = pose_data(context)
-    measure: Kind = "pose" if data.has("QW") else "position"
+    measure = kind_of(data)
     measured = measurements(robot, data, measure=measure, model=model)
     if wrong := wrong_setup(context, measured, f"--measure {measure}"):
         return wrong
@@ -124,6 +124,11 @@ def fit_verdict(
             predicted=report["predicted_test_rms"],
         ),
     )
+
+
+def kind_of(data: DataSet) -> Kind:
+    """What the instrument measured of each pose."""
+    return "pose" if data.has("QW") else "position"
 
 
 def pose_data(context: StepContext) -> tuple[DataSet, int]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import ClassVar, Literal, Self, final
 
+from cellctl.calibration.verdict.comparison import ComparedModel
 from cellctl.devices import (
     CorrectionReport,
     CorrectionSample,
@@ -441,28 +442,14 @@ class SixRow(Row):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class ComparedModel:
-    """A model on the held-out poses. choice: its name. coverage_95, predicted_rms (mm): None where it states no σ.
-    less: mean error less that of the first model, mm, with its 95 % interval; None for the first. errors (N,): mm.
-    """
-
-    choice: str
-    test: Figures
-    coverage_95: float | None
-    predicted_rms: float | None
-    less: tuple[float, float, float] | None
-    errors: tuple[float, ...]
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
 class ComparedModelsRow(Row):
-    """Models identified from the same poses, the campaign's own first. nominal (N,): its errors, mm, on the held-out
-    poses. left_out: models that could not be fitted, each with the reason.
+    """Models identified from the same poses, the campaign's own first. errors: of each on the held-out poses (N,), mm;
+    nominal (N,): the nominal robot's. left_out: models that could not be fitted, each with the reason.
     """
 
     KIND: ClassVar[str] = "compared models"
     models: tuple[ComparedModel, ...]
+    errors: Matrix
     nominal: tuple[float, ...]
     left_out: tuple[str, ...]
 
