@@ -53,6 +53,14 @@ def test_the_page_has_every_model(files):
     assert text.count("<svg") == 2  # one split has no picture of folds
 
 
+def test_one_held_out_row_has_no_interval(files):
+    out = files / "one.json"
+    words = ("fit", files / "robot.yaml", files / "data.csv", "--compare", "registration", "--holdout", 0.02)
+    cellctl(*words, "--json", out)
+    assert "Infinity" not in out.read_text()
+    assert [row["less"] for row in json.loads(out.read_text())["models"]] == [None, None]
+
+
 REFUSED = {
     ("--compare", "geometry", "--out", "m.json"): "a comparison writes no model",
     ("--compare", "geometry", "--model", "zeros"): "does not go with --model, --prior or --free",

@@ -69,7 +69,7 @@ def fold_means(values: Floats, split: Split) -> Floats:
 class ComparedModel:
     """One model on held-out rows. choice: as named; model: its terms. test: errors, mm. coverage_95, predicted_rms
     (mm): None where it states no σ. less: mean error less that of the first, mm, with its 95 % interval; None for the
-    first.
+    first, and where one row shows no interval.
     """
 
     choice: str
@@ -114,11 +114,13 @@ class ComparedFits:
         best = min(self.models, key=lambda each: each.test.mean)
         rows = f"{self.results[0].n_test} held-out {self.noun}"
         least = f"{best.choice} leaves the least on {rows}: {best.test.mean:.3f} mm (mean)"
-        if best.less is None:
+        if best is self.models[0]:
             worse = [each.choice for each in self.models if each.less and each.less.low > 0.0]
             others = f"surely less than {', '.join(worse)}" if worse else "no other model leaves surely more"
             return f"{least}; {others}."
         first = f"{self.models[0].choice} with {self.models[0].test.mean:.3f} mm"
+        if best.less is None:
+            return f"{least}; one row does not show whether it is less than {first}."
         sure = "surely less than" if best.less.high < 0.0 else "not surely less than"
         return f"{least}, {sure} {first} ({interval(best.less)} mm)."
 
@@ -147,6 +149,7 @@ def compared_models(choices: Sequence[str], results: Sequence[FitResult], split:
 
 def _compared(name: str, result: FitResult, first: FitResult, split: Split) -> ComparedModel:
     stated = bool(np.isfinite(result.predicted_test_rms))
+    less = None if result is first else Difference.of(first.test_errors, result.test_errors, split)
     return ComparedModel(
         choice=name,
         model=result.model,
@@ -154,5 +157,5 @@ def _compared(name: str, result: FitResult, first: FitResult, split: Split) -> C
         test=result.test,
         coverage_95=result.coverage_95 if stated else None,
         predicted_rms=result.predicted_test_rms if stated else None,
-        less=None if result is first else Difference.of(first.test_errors, result.test_errors, split),
+        less=less if less is not None and np.isfinite(less.low) else None,
     )
