@@ -9,6 +9,7 @@ from importlib import import_module
 from cellctl.version import __version__
 
 __all__ = [
+    "Comparison",
     "CompensatedProgram",
     "Compensation",
     "Data",
@@ -18,6 +19,7 @@ __all__ = [
     "Robot",
     "Run",
     "__version__",
+    "compare",
     "fit",
     "load",
     "open_run",

@@ -266,11 +266,10 @@ def _compare(
     if page:
         from cellctl.report.compared_fits import compared_page  # here: matplotlib takes a second
 
-        sources = {"robot file": Path(given.document.file).name, "data set": Path(given.data.file).name}
         with unwritten.noted():
-            write_atomically(page, compared_page(found, given.robot.name, sources))
+            write_atomically(page, compared_page(found, given.robot.name, given.sources))
     with unwritten.noted():
-        write_json({**found.figures(), "sentence": found.sentence}, json_)
+        write_json(found.report(), json_)
     if json_ != "-":
         show_compared(found)
     unwritten.refuse()

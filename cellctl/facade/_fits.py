@@ -1,19 +1,24 @@
-"""`cellctl.fit`: the fit of the command line, for Python."""
+"""`cellctl.fit` and `cellctl.compare`: the fits of the command line, for Python."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 from cellctl.calibration.identification.progress import Progress
+from cellctl.calibration.verdict.comparison import ComparedFits
 from cellctl.facade._inputs import Robot, read, robot
 from cellctl.facade._models import Model, load
+from cellctl.files import write_atomically
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.installed import shipped_file
+from cellctl.operations.comparing_fits import compare_fits
 from cellctl.operations.fit_options import Asked, Judging
 from cellctl.operations.fitting import FitInput, fit_rows
+from cellctl.report.compared_fits import compared_page
 
 _DEFAULT_PRIOR = Path("prior")
 
@@ -58,9 +63,9 @@ def fit(
     asked = Asked(
         measure,
         model,
-        Path(artefact) if artefact is not None else None,
+        _path(artefact),
         distances,
-        (spacing,) if isinstance(spacing, str) else tuple(spacing),
+        _listed(spacing),
         _joined(own),
         _name_of(prior),
         _joined(free) if free is not None else None,
@@ -69,8 +74,76 @@ def fit(
     asked.refuse(judging)
 
     given = _given(robot, data, asked, prior)
-    shown = None if progress is None else _told(progress)
-    return Model.fitted(fit_rows(given, asked, judging, shown, check=check))
+    return Model.fitted(fit_rows(given, asked, judging, _shown(progress), check=check))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Models on the same held-out rows. sentence: which leaves the least; models: a mapping of figures (mm) for each,
+    the first is `auto`; report: what `cellctl fit --compare --json` writes.
+    """
+
+    found: ComparedFits
+    given: FitInput
+
+    @property
+    def sentence(self) -> str:
+        """Which model leaves the least, and whether surely less than the first."""
+        return self.found.sentence
+
+    @property
+    def models(self) -> list[dict[str, Any]]:
+        """The figures of each model, for `pandas.DataFrame`."""
+        return list(self.report["models"])
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The comparison as JSON."""
+        return self.found.report()
+
+    def page(self, path: str | Path | None = None) -> str:
+        """The comparison as an HTML page, written to `path` if given. Raises OSError."""
+        text = compared_page(self.found, self.given.robot.name, self.given.sources)
+        if path is not None:
+            write_atomically(Path(path), text)
+        return text
+
+    def __repr__(self) -> str:
+        return f"<cellctl comparison of {len(self.found.models)} models: {self.sentence}>"
+
+
+def compare(
+    robot: str | Path | RobotFile | Robot,
+    data: Any,
+    models: str | Sequence[str] = "usual",
+    *,
+    measure: str | None = None,
+    artefact: str | Path | None = None,
+    distances: bool = True,
+    spacing: str | Sequence[str] = (),
+    own: str | Sequence[str] = "base",
+    check: bool = True,
+    holdout: float | None = None,
+    folds: int | None = None,
+    column: str | None = None,
+    by: str | None = None,
+    seed: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+) -> Comparison:
+    """Fit `auto` and other models to the same rows and judge them on the same held-out ones, as `cellctl fit --compare`
+    does (docs/reference/error-maps.md).
+
+    - models: a name, or several, as for `fit`; `usual` stands for some that need nothing more.
+    - All others as for `fit`.
+
+    Raises InputError as `fit` does, where no row is held out, and where a model cannot be fitted to these rows.
+    """
+    asked = Asked(measure, "auto", _path(artefact), distances, _listed(spacing), _joined(own), None, None)
+    judging = Judging(holdout, folds, column, by, seed)
+    asked.refuse(judging)
+    given = _given(robot, data, asked, None)
+    return Comparison(compare_fits(given, asked, judging, _listed(models), _shown(progress), check=check), given)
 
 
 def _given(
@@ -92,6 +165,14 @@ def _given(
     )
 
 
+def _path(given: str | Path | None) -> Path | None:
+    return Path(given) if given is not None else None
+
+
+def _listed(given: str | Sequence[str]) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else tuple(given)
+
+
 def _joined(names: str | Sequence[str]) -> str:
     return names if isinstance(names, str) else ",".join(names)
 
@@ -102,8 +183,10 @@ def _name_of(prior: str | Path | Model | None) -> Path | None:
     return Path(prior) if prior is not None else None
 
 
-def _told(progress: Progress) -> Callable[[str], Any]:
-    """Reports of the check and of the fit, each from 0 to 1, to `progress`."""
+def _shown(progress: Progress | None) -> Callable[[str], Any] | None:
+    """Reports of the check and of each fit, each from 0 to 1, to `progress`."""
+    if progress is None:
+        return None
 
     @contextmanager
     def shown(name: str) -> Iterator[Progress]:

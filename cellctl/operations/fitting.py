@@ -111,6 +111,11 @@ class FitInput:
     artefact: Artefact | None = None
     prior: ModelFile | None = None
 
+    @property
+    def sources(self) -> dict[str, str]:
+        """Names of the robot file and the data set, for a page."""
+        return {"robot file": Path(self.document.file).name, "data set": Path(self.data.file).name}
+
     @classmethod
     def read(
         cls,

@@ -35,6 +35,25 @@ def test_report_and_model_file_are_those_of_the_command(files, options, words):
     assert (files / "python.json").read_bytes() == model
 
 
+def test_a_comparison_is_that_of_the_command(files, tmp_path):
+    command("fit", "robot.yaml", "data.csv", "--compare", "zeros", "--folds", 4, "--json", "result.json")
+    result = json.loads((files / "result.json").read_text())
+    found = cellctl.compare("robot.yaml", "data.csv", "zeros", folds=4)
+    assert untimed(found.report) == untimed(result)
+    assert [model["choice"] for model in found.models] == ["auto", "zeros"]
+    assert found.sentence == result["sentence"]
+    assert found.page(tmp_path / "page.html") == (tmp_path / "page.html").read_text()
+
+
+def test_a_comparison_with_a_model_of_no_such_name_is_refused(files):
+    with pytest.raises(cellctl.InputError, match="zeroes"):
+        cellctl.compare("robot.yaml", "data.csv", ["zeroes"])
+
+
+def untimed(report):
+    return {**report, "models": [{**model, "seconds": None} for model in report["models"]]}
+
+
 def test_options_may_be_numpy_scalars_and_lists_of_names(files):
     plain = cellctl.fit("robot.yaml", "data.csv", model="zeros", holdout=0.25, seed=3, own="base,tool")
     numpy = {"holdout": np.float64(0.25), "seed": np.int64(3), "own": ["base", "tool"]}

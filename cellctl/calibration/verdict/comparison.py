@@ -124,13 +124,14 @@ class ComparedFits:
         sure = "surely less than" if best.less.high < 0.0 else "not surely less than"
         return f"{least}, {sure} {first} ({interval(best.less)} mm)."
 
-    def figures(self) -> dict[str, Any]:
-        """For JSON: rows held out, nominal's errors, and each model."""
+    def report(self) -> dict[str, Any]:
+        """For JSON: rows held out, nominal's errors, each model, and the sentence."""
         rows = [
             {**asdict(each), "seconds": took, "stated_over_found": each.stated_over_found}
             for each, took in zip(self.models, self.seconds, strict=True)
         ]
-        return {"n_test": self.results[0].n_test, "nominal": asdict(self.nominal), "models": rows}
+        head = {"n_test": self.results[0].n_test, "nominal": asdict(self.nominal)}
+        return {**head, "models": rows, "sentence": self.sentence}
 
     def fold_means(self, place: int) -> Floats:
         """Mean error (J,), mm, of model `place` in each fold."""
