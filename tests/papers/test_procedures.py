@@ -44,7 +44,7 @@ def test_the_procedure_fits_its_cell(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", FEW)
-def test_a_small_run_is_better_than_nominal_and_has_a_journal(name: str, tmp_path: Path) -> None:
+def test_a_small_run_is_better_than_nominal_and_its_replay_is_equal(name: str, tmp_path: Path) -> None:
     result = tmp_path / "result.json"
     procedure = PAPERS / f"{name}.yaml"
     done = cellctl("run", procedure, "--seed", "1", "--runs", tmp_path / "runs", "--json", result, *settings(name))
@@ -58,6 +58,8 @@ def test_a_small_run_is_better_than_nominal_and_has_a_journal(name: str, tmp_pat
         assert compared is not None
         assert [each.choice for each in compared.models][:2] == [PAPERS_MODEL[name], "auto"]
         assert "Models on the same poses" in (tmp_path / "runs" / found["run"] / "report.html").read_text()
+    replayed = cellctl("replay", tmp_path / "runs" / found["run"])
+    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
     if "method" in FEW[name]:
         table = json.loads((tmp_path / "runs" / found["run"] / "table.json").read_text())
         assert table["source"]["method"] == FEW[name]["method"]

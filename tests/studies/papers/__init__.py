@@ -11,7 +11,7 @@ from importlib import import_module
 from tests.studies._runner import Row, Study, Table, each
 from tests.studies.papers.statements import Paper, Results, page_of
 
-MODULES = {
+COMPUTED = {
     "sph": "spherical_constraint",
     "cmp": "compensation_methods",
     "krg": "kriging",
@@ -19,12 +19,17 @@ MODULES = {
 }
 """Tag of a paper → the module here that has its `PAPER`."""
 
+TAGS = [*COMPUTED, *(f"{tag}-run" for tag in COMPUTED)]
+"""Each paper by computation, and its campaign over the wires (`over_the_wires`)."""
+
 SIGNIFICANT = 6
 
 
 def paper_of(tag: str) -> Paper:
     """The study of a paper."""
-    return import_module(f"tests.studies.papers.{MODULES[tag]}").PAPER
+    if tag in COMPUTED:
+        return import_module(f"tests.studies.papers.{COMPUTED[tag]}").PAPER
+    return import_module("tests.studies.papers.over_the_wires").PAPERS[tag]
 
 
 def measure(paper: str, seed: int) -> Row:
@@ -40,7 +45,7 @@ def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
             yield Table(page_of(paper_of(tag), results), f"figures of {tag}", paper_of(tag).title)
 
 
-TAGS = {"--papers": {"nargs": "+", "choices": MODULES, "default": list(MODULES)}}
+OPTIONS = {"--papers": {"nargs": "+", "choices": TAGS, "default": TAGS}}
 STUDY = Study(
-    lambda asked: each(paper=asked.papers, seed=asked.seeds), measure, tables, seeds=10, options=TAGS, writes=True
+    lambda asked: each(paper=asked.papers, seed=asked.seeds), measure, tables, seeds=10, options=OPTIONS, writes=True
 )

@@ -279,7 +279,7 @@ DESCRIPTIONS = Section(
 PAPER = Paper(
     "cmp",
     "Error compensation methods on a TX60",
-    CELL,
+    "python -m tests.studies papers --papers cmp",
     study,
     (FIT_POSES, HELD_OUT_POSES, REDUNDANCY, ITERATIONS, FOUR_METHODS, DESCRIPTIONS),
 )

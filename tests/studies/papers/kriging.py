@@ -14,16 +14,19 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.analysis.similarity import mantel
+from cellctl.analysis.similarity import ErrorSet, mantel
 from cellctl.compensation import compensate
 from cellctl.error_maps import ErrorMap
 from cellctl.error_maps.field import AnisotropicField
 from cellctl.error_maps.inverse_distance import tuned_grid
-from cellctl.error_maps.kriging import INITIAL_WEIGHTS, Kriging, ParticleFilter
+from cellctl.error_maps.kriging import INITIAL_WEIGHTS, REGULARISATION, Kriging, ParticleFilter
 from cellctl.error_maps.perceptron import tuned_perceptron
+from cellctl.formats.similarity_report import robot_errors, rows_with_positions
+from cellctl.metrology.axis_frames import Turn, axis_frames, reflector_on_flange, station
+from cellctl.metrology.measured_points import Points
 from cellctl.planning import JointRanges, Method, TaskWorkspace
 from sims.conditions import REFERENCE_C, Payload
-from tests.studies.papers.positions import Arm, data_of, figures, fitted, identified
+from tests.studies.papers.positions import Arm, data_of, figures, fitted, gaussian_process, identified
 from tests.studies.papers.statements import Figure, Numbers, Ordering, Paper, Section, numbers_under
 from tests.studies.papers.world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
@@ -52,6 +55,12 @@ PUBLISHED_WEIGHTS = np.array(
 SIGMA_MM = 0.03 / np.sqrt(3.0)
 UNLOADED = Payload(0.0)
 PERMUTATIONS = 199
+TURNS = {1: 30.0, 2: 20.0, 5: 60.0, 6: 150.0}
+"""Axes turned alone for the frames {B} and {T}: half of each arc, deg."""
+TURN_POINTS = 9
+
+LAMBDAS = (1e-5, 1e-4, 1e-3)
+"""Regularisations tried, with all weights 1 and with searched ones."""
 
 WITHOUT: dict[str, Mapping[str, float]] = {
     "compliance: 0": {"compliance": 0.0},
@@ -120,9 +129,8 @@ def in_world(seed: int, switches: Mapping[str, float] = AS_IN_CELL, *, baselines
     fit, weights, test = measured_parts(world)
     true = world.reflectors(world.flanges(test.readings))[:, 0]
     found = figures("nominal", test.errors) | figures("floor", test.places - true)
-    filtered = ParticleFilter(INITIAL_WEIGHTS, seed=seed).weights(fit.q, fit.errors, weights.q, weights.errors)
-    predictors = {"filtered": by_joints(Kriging(filtered).fit(fit.q, fit.errors)), "ours": by_fit(fit, "auto")}
-    predictors |= other_predictors(seed, fit) if baselines else {}
+    predictors = {"filtered": searched(fit, weights, seed, REGULARISATION), "ours": by_fit(fit, "auto")}
+    predictors |= other_predictors(seed, fit) | by_lambda(fit, weights, seed) if baselines else {}
     found |= judged(predictors, test)
     found["ours_ratio"] = found["ours_rms"] / found["floor_rms"]
     warmer = PaperWorld.of(CELL, seed, {**switches, "expansion": 1.0})
@@ -156,6 +164,20 @@ def weighted(fit: Rows) -> dict[str, Predictor]:
     return {name: by_joints(Kriging(each).fit(fit.q, fit.errors)) for name, each in weights.items()}
 
 
+def searched(fit: Rows, weights: Rows, seed: int, regularisation: float) -> Predictor:
+    """The paper's kriging with joint weights from the particle filter."""
+    found = ParticleFilter(INITIAL_WEIGHTS, seed=seed)
+    best = found.weights(fit.q, fit.errors, weights.q, weights.errors, regularisation)
+    return by_joints(Kriging(best, regularisation).fit(fit.q, fit.errors))
+
+
+def by_lambda(fit: Rows, weights: Rows, seed: int) -> dict[str, Predictor]:
+    """The paper's kriging with each regularisation, with searched weights and with all 1."""
+    found = {f"filtered {each:g}": searched(fit, weights, seed, each) for each in LAMBDAS}
+    equal = {each: Kriging(regularisation=each).fit(fit.q, fit.errors) for each in LAMBDAS}
+    return found | {f"isotropic {each:g}": by_joints(one) for each, one in equal.items()}
+
+
 def other_predictors(seed: int, fit: Rows) -> dict[str, Predictor]:
     """The paper's kriging with other weights, its baselines, and parts of ours."""
     found = weighted(fit) | {
@@ -163,6 +185,7 @@ def other_predictors(seed: int, fit: Rows) -> dict[str, Predictor]:
         "cartesian": by_places(Kriging().fit(fit.nominal, fit.errors)),
         "perceptron": by_places(tuned_perceptron(seed=seed).fit(fit.nominal, fit.errors)),
         "grid": by_places(tuned_grid(fit.nominal, seed=seed).fit(fit.nominal, fit.errors)),
+        "process": by_joints(gaussian_process(fit.q, fit.errors, seed)),
     }
     return found | {"geometry": by_fit(fit, "geometry"), "compliance": by_fit(fit, "geometry+compliance")}
 
@@ -202,18 +225,49 @@ def similarity(
     seed: int, switches: Mapping[str, float] = AS_IN_CELL, varied: TaskWorkspace | JointRanges = VARIED
 ) -> Numbers:
     """Correlation of the distance of errors with that of joints, and of positions, in the paper's four sets, with p of
-    a Mantel test. varied: region of the sets with varied orientation.
+    a Mantel test; with base and reflector of each of `registrations`. varied: region of the sets with varied
+    orientation.
     """
     found = {}
     for load, payload in (("unloaded", UNLOADED), ("loaded", None)):
         world = PaperWorld.of(CELL, seed, switches, payload)
         for kind, region in (("fixed", FIXED), ("varied", varied)):
             rows = Rows.measured(world, drawn(region, "pseudo-random", SIMILAR, 0, seed), f"{load} {kind}")
-            spaces = {"joints": rows.readings, "places": rows.nominal}
-            for space, one in mantel(rows.errors, spaces, PERMUTATIONS, world.draws("Mantel")).items():
-                found[f"{space}_{load}_{kind}"] = one.r
-                found[f"{space}_{load}_{kind}_p"] = one.p
+            for by, each in registrations(world, rows).items():
+                spaces = {"joints": each.readings, "places": each.places}
+                for space, one in mantel(each.errors, spaces, PERMUTATIONS, world.draws("Mantel")).items():
+                    found[f"{by} {space}_{load}_{kind}"] = one.r
+                    found[f"{by} {space}_{load}_{kind}_p"] = one.p
     return found
+
+
+def registrations(world: PaperWorld, rows: Rows) -> dict[str, ErrorSet]:
+    """The errors of the nominal robot, its base and reflector from the data sheet, from turned axes as in the paper's
+    section 2.3, and by least squares from the same rows, as `cellctl analyse` does.
+    """
+    data = data_of(rows.readings, rows.places, 0, SIGMA_MM)
+    return {
+        "sheet": ErrorSet.of(rows.readings, rows.nominal, rows.errors),
+        "turned": turned_axes(world, rows),
+        "squares": robot_errors(rows_with_positions(ARM.file, data)).found,
+    }
+
+
+def turned_axes(world: PaperWorld, rows: Rows) -> ErrorSet:
+    """The errors with the frames {B} and {T} that turns of single axes from NEAR give."""
+    turns = []
+    for axis, half in TURNS.items():
+        readings = np.tile(NEAR, (TURN_POINTS, 1))
+        readings[:, axis - 1] += np.linspace(-half, half, TURN_POINTS)
+        places = Rows.measured(world, readings, f"turn {axis}").places
+        turns.append(Turn(Points.of(places, SIGMA_MM), ARM.joints.model(readings)[:, axis - 1]))
+    start = Rows.measured(world, NEAR[None], "turned back")
+    frames = axis_frames(*turns, Points.of(start.places, SIGMA_MM))
+    base = station(frames, ARM.chain, start.q[0]).matrix
+    reflector, _ = reflector_on_flange(frames, ARM.chain, start.q[0])
+    flanges = ARM.chain.with_base(np.eye(4)).forward_flange(rows.q)
+    nominal = flanges[:, :3, :3] @ reflector + flanges[:, :3, 3]
+    return ErrorSet.of(rows.readings, nominal, rows.places @ base[:3, :3].T + base[:3, 3] - nominal)
 
 
 def drawn(region: TaskWorkspace | JointRanges, method: Method, fit: int, held_out: int, seed: int) -> Floats:
@@ -236,6 +290,13 @@ PREDICTION = (
     Figure("ours, `--model auto`: mean, mm", "0.089", "ours_mean"),
     Figure("the same: largest, mm", "0.172", "ours_max"),
     Figure("the same: RMS ÷ floor of noise and play", "–", "ours_ratio", 2),
+    *(
+        Figure(f"kriging, {name}, λ = {each:g}: mean, mm", "–", f"{key} {each:g}_mean")
+        for each in LAMBDAS
+        for name, key in (("searched weights", "filtered"), ("all weights 1", "isotropic"))
+    ),
+    Figure("Gaussian process of scikit-learn (ARD, noise): mean, mm", "–", "process_mean"),
+    Figure("the same: largest, mm", "–", "process_max"),
     Figure("our field alone, without geometry: mean, mm", "–", "field_mean"),
     Figure("geometry alone: mean, mm", "–", "geometry_mean"),
     Figure("geometry + compliance: mean, mm", "–", "compliance_mean"),
@@ -250,6 +311,8 @@ ORDERED = (
     Ordering("weights by particle filter < W_init, mean", "–", "filtered_mean", "initial_mean"),
     Ordering("W_init < all weights 1, mean", "implied", "initial_mean", "isotropic_mean", worlds=tuple(WITHOUT)),
     Ordering("ours < the paper's kriging, mean", "–", "ours_mean", "filtered_mean"),
+    Ordering("ours < scikit-learn's Gaussian process, mean", "–", "ours_mean", "process_mean"),
+    Ordering("the process < the paper's kriging, mean", "–", "process_mean", "filtered_mean"),
     Ordering("ours < the paper's kriging, largest", "–", "ours_max", "filtered_max"),
 )
 COMPENSATION = (
@@ -279,33 +342,45 @@ PUBLISHED = {
 }
 
 
-def _correlations() -> tuple[Figure | Ordering, ...]:
+REGISTERED = {
+    "turned": "base and reflector from turned axes, the paper's section 2.3",
+    "squares": "base and reflector by least squares, as `cellctl analyse` does",
+    "sheet": "base and reflector as in the data sheet",
+}
+SPACES = {"joints": "De–Dq", "places": "De–Dp"}
+LOADS = ("unloaded", "loaded")
+
+
+def _correlations(by: str) -> tuple[Figure | Ordering, ...]:
+    """Figures and orderings with one of the registrations."""
     figures_of = [
-        Figure(f"{name}, {kind.replace('_', ', orientation ')}", value, f"{space}_{kind}", 2)
+        Figure(f"{name}, {kind.replace('_', ', orientation ')}", value, f"{by} {space}_{kind}", 2)
         for kind, values in PUBLISHED.items()
-        for (space, name), value in zip((("joints", "De–Dq"), ("places", "De–Dp")), values, strict=True)
+        for (space, name), value in zip(SPACES.items(), values, strict=True)
     ]
-    tests = [Figure(f"p of a Mantel test, De–Dq, {load}, varied", "–", f"joints_{load}_varied_p") for load in LOADS]
+    tests = [
+        Figure(f"p of a Mantel test, De–Dq, {load}, varied", "–", f"{by} joints_{load}_varied_p") for load in LOADS
+    ]
     wider = [
-        Figure(f"{name}, loaded, {TURNED}", "–", f"{TURNED}/{space}_loaded_varied", 2)
-        for space, name in (("joints", "De–Dq"), ("places", "De–Dp"))
+        Figure(f"{name}, loaded, {TURNED}", "–", f"{TURNED}/{by} {space}_loaded_varied", 2)
+        for space, name in SPACES.items()
     ]
     falls = [
         Ordering(
             f"De–Dp falls when the orientation varies, {load}",
-            paper,
-            f"places_{load}_varied",
-            f"places_{load}_fixed",
+            f"{PUBLISHED[f'{load}_varied'][1]} < {PUBLISHED[f'{load}_fixed'][1]}",
+            f"{by} places_{load}_varied",
+            f"{by} places_{load}_fixed",
             2,
         )
-        for load, paper in LOADS.items()
+        for load in LOADS
     ]
     less = [
         Ordering(
             f"De–Dp < De–Dq when the orientation varies, {load}",
             f"{PUBLISHED[f'{load}_varied'][1]} < {PUBLISHED[f'{load}_varied'][0]}",
-            f"places_{load}_varied",
-            f"joints_{load}_varied",
+            f"{by} places_{load}_varied",
+            f"{by} joints_{load}_varied",
             2,
             (TURNED, STIFF),
         )
@@ -314,16 +389,14 @@ def _correlations() -> tuple[Figure | Ordering, ...]:
     return (*figures_of, *tests, *wider, *falls, *less)
 
 
-LOADS = {"unloaded": "0.214 < 0.440", "loaded": "0.226 < 0.381"}
-
 PAPER = Paper(
     tag="krg",
     title="Meng et al. 2024: kriging of position errors in configuration space",
-    cell=CELL,
+    command="python -m tests.studies papers --papers krg",
     study=study,
     sections=(
         Section("Prediction: 160 points, 80 held out", (*PREDICTION, *ORDERED)),
         Section("Compensation of the 80 held-out poses", COMPENSATION),
-        Section("Spatial similarity: correlation of distances", _correlations()),
+        *(Section(f"Similarity of errors: {text}", _correlations(by)) for by, text in REGISTERED.items()),
     ),
 )

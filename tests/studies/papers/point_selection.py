@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from cellctl.calibration import Postures
 from cellctl.error_maps.motor_flexibility import FlexibilityNetwork, MotorFlexibility
@@ -22,7 +24,7 @@ from cellctl.kinematics import SerialChain, pose, rotation_from_abc
 from cellctl.planning import Method, TaskWorkspace
 from cellctl.planning._target_sets import along, near_path
 from sims.conditions import Payload
-from tests.studies.papers.positions import Arm, data_of, figures, fitted, identified, least_squares
+from tests.studies.papers.positions import Arm, data_of, figures, fitted, gaussian_process, identified, least_squares
 from tests.studies.papers.statements import Figure, Numbers, Ordering, Paper, Section, numbers_under
 from tests.studies.papers.world import AS_IN_CELL, Floats, PaperWorld, Ways, ways_of
 
@@ -31,7 +33,7 @@ ARM = Arm.of(CELL)
 SIGNS = np.array([joint.sign for joint in ARM.file.joints], float)
 """Of the readings' sense of rotation, in which currents count too."""
 
-ALL, FIT, TEST, TRAINING, ON_PATH = 2000, 80, 50, 500, 50
+ALL, FIT, TEST, TRAINING, ON_PATH, EACH = 2000, 80, 50, 500, 50, 10
 TURNED = (155.0, 0.0, 180.0)
 BOX = [(700.0, 1250.0), (-450.0, 450.0), (300.0, 850.0)]
 WORKSPACE = TaskWorkspace.of([*BOX, *((angle, angle) for angle in TURNED)])
@@ -50,6 +52,8 @@ STIFF = {"compliance": 0.0, "friction_torsion": 0.0, "gear": 0.0}
 
 SIGMA_MM, NOISE_A, SAMPLES = 0.02, 0.004, 10
 """1 σ of a position on one axis; of a current, share of the rated one; samples of a current."""
+
+Indices = NDArray[np.int_]
 
 
 @final
@@ -162,17 +166,20 @@ def by_paper(bench: Bench, readings: Floats, name: str) -> Numbers:
         sigma_mm=SIGMA_MM,
         expected=EXPECTED_RAD_PER_A,
     )
-    path, near = bench.path, everything.pick(near_training(readings))
-    arbitrary = everything.pick(bench.world.draws("arbitrary").choice(ALL, TRAINING, replace=False))
-    left = path.left(chain)
+    path, left = bench.path, bench.path.left(chain)
+    training = {"network": near_training(readings), "arbitrary": anywhere(bench, TRAINING)}
+    if name == "paper":
+        nearest = nearest_training(readings)
+        training |= {"literal": nearest, "as few": anywhere(bench, len(nearest))}
     networks = {
         kind: FlexibilityNetwork.trained(flexibility, rows.q, rows.model_currents, seed=bench.seed)
-        for kind, rows in (("network", near), ("arbitrary", arbitrary))
+        for kind, rows in ((kind, everything.pick(which)) for kind, which in training.items())
     }
     found = figures(f"{name}_poe", bench.test.left(chain)) | figures(f"{name}_path_poe", left)
     found |= figures(f"{name}_direct", left - flexibility.errors(path.q, path.model_currents))
     for kind, network in networks.items():
         found |= figures(f"{name}_{kind}", left - network.errors(path.q))
+        found[f"{name}_{kind}_points"] = float(len(training[kind]))
     return found
 
 
@@ -189,7 +196,7 @@ def models(seed: int, region: TaskWorkspace, switches: Mapping[str, float] = AS_
 
 def ours(bench: Bench, readings: Floats, *, alone: bool) -> Numbers:
     """The ordinary fit to the same 80 points and 500 near the path: with the direction of each joint's last motion
-    (`auto`), with motor currents (`geometry+motor`), and, if `alone`, with neither.
+    (`auto`), with motor currents (`geometry+motor`), and, if `alone`, with neither, beside a peer that has neither.
     """
     first = Rows.measured(bench.world, readings[:FIT], "paper fit")
     rows = first.joined(Rows.measured(bench.world, readings[near_training(readings)], "near"))
@@ -208,12 +215,26 @@ def ours(bench: Bench, readings: Floats, *, alone: bool) -> Numbers:
         robot = identified(fitted(ARM, data, model))
         found |= figures(name, robot.pose(at)[:, :3, 3] - path.places)
         found[f"{name}_ratio"] = found[f"{name}_rms"] / floor
+    if alone:
+        process = gaussian_process(rows.q, rows.places - ARM.places(rows.readings), bench.seed)
+        found |= figures("process", ARM.places(path.readings) + process.errors(path.q) - path.places)
     return found
 
 
-def near_training(readings: Floats) -> Floats:
+def near_training(readings: Floats) -> Indices:
     """Which 500 of the readings are nearest to the path (`near_path`)."""
     return near_path(ARM.places(readings), along(PATH, ON_PATH), TRAINING)
+
+
+def nearest_training(readings: Floats) -> Indices:
+    """Which readings are among the 10 nearest to one of 50 points of the path: the paper's rule to the letter."""
+    distances = cdist(along(PATH, ON_PATH), ARM.places(readings))
+    return np.unique(np.argsort(distances, axis=1, kind="stable")[:, :EACH])
+
+
+def anywhere(bench: Bench, count: int) -> Indices:
+    """As many of all readings at random."""
+    return bench.world.draws("arbitrary").choice(ALL, count, replace=False)
 
 
 def drawn(region: TaskWorkspace, method: Method, count: int, seed: int) -> Floats:
@@ -227,7 +248,7 @@ NETWORK = "paper_network_mean"
 PAPER = Paper(
     tag="ann",
     title="Mathematical Problems in Engineering 2020, 9035425: point selection, motor currents and a network",
-    cell=CELL,
+    command="python -m tests.studies papers --papers ann",
     study=study,
     sections=(
         Section(
@@ -250,6 +271,14 @@ PAPER = Paper(
                 Figure("POE + network, mm", "1.23", "paper_network_mean", 2),
                 Figure("POE + F·I at the measured currents, mm", "–", "paper_direct_mean", 2),
                 Figure("network, arbitrary training points, mm", "1.57", "paper_arbitrary_mean", 2),
+                Figure(
+                    "training points by the paper's rule: the 10 nearest to each of 50",
+                    "500",
+                    "paper_literal_points",
+                    0,
+                ),
+                Figure("network, trained by these, mm", "1.23", "paper_literal_mean", 3),
+                Figure("network, trained by as many arbitrary ones, mm", "1.57", "paper_as few_mean", 3),
                 Figure("network, pseudo-random points, mm", "1.53", "pseudo_network_mean", 2),
                 *(
                     Figure(f"{what}, `{world}`, mm", paper, f"{world}/{key}", 3)
@@ -264,7 +293,20 @@ PAPER = Paper(
                 Ordering("F·I at the currents < POE alone", "–", "paper_direct_mean", "paper_path_poe_mean", 3, WORLDS),
                 Ordering("F·I at the currents < network", "–", "paper_direct_mean", "paper_network_mean", 3, WORLDS),
                 Ordering(
-                    "near the path < arbitrary", "1.23 < 1.57", "paper_network_mean", "paper_arbitrary_mean", 4, WORLDS
+                    "near the path < arbitrary, the paper's rule",
+                    "1.23 < 1.57",
+                    "paper_literal_mean",
+                    "paper_as few_mean",
+                    4,
+                    WORLDS,
+                ),
+                Ordering(
+                    "near the path < arbitrary, 500 points",
+                    "1.23 < 1.57",
+                    "paper_network_mean",
+                    "paper_arbitrary_mean",
+                    4,
+                    WORLDS,
                 ),
                 Ordering(
                     "Sobol < pseudo-random", "1.23 < 1.53", "paper_network_mean", "pseudo_network_mean", 4, WORLDS
@@ -284,6 +326,8 @@ PAPER = Paper(
                 Figure("the same: RMS ÷ floor", "–", f"{WEIGHT}/ours_ratio", 2),
                 Figure(f"`geometry+motor`, `{WEIGHT}`: mean, mm", "–", f"{WEIGHT}/motor_mean"),
                 Figure("floor: mean, mm", "–", "floor_mean"),
+                Figure("Gaussian process of scikit-learn, without either: mean, mm", "–", "process_mean"),
+                Ordering("ours, with neither < the Gaussian process", "–", "neither_mean", "process_mean"),
                 Ordering("ours < POE + network", "–", "ours_mean", "paper_network_mean"),
                 Ordering("ours < POE + F·I", "–", "ours_mean", "paper_direct_mean"),
                 Ordering("currents in the fit < without", "–", "motor_mean", "neither_mean"),

@@ -5,6 +5,7 @@ Readings are A1…An, deg (N, n); places are of the reflector in the robot's bas
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,8 +13,12 @@ from typing import Self, final
 
 import numpy as np
 import yaml
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from cellctl.calibration import FitResult, RobotModel, Split, fit
+from cellctl.error_maps.samples import Scale
 from cellctl.formats import DataSet, RobotFile, measurements
 from cellctl.installed import robot_file
 from cellctl.kinematics import JointMap, Link, SerialChain, inverse, to_poe
@@ -139,6 +144,36 @@ def fitted(arm: Arm, data: DataSet, model: str = "auto") -> FitResult:
 def identified(result: FitResult) -> RobotModel:
     """The identified robot."""
     return result.identification.identified.state.model
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class GaussianProcess:
+    """A peer's map (`ErrorMap`): one Gaussian process of scikit-learn for each component."""
+
+    inputs: Scale
+    outputs: Scale
+    components: tuple[GaussianProcessRegressor, ...]
+
+    def errors(self, q: Floats) -> Floats:
+        """Errors (N, 3) at inputs (N, k)."""
+        at = self.inputs.standardised(q)
+        return self.outputs.restored(np.stack([one.predict(at) for one in self.components], axis=-1))
+
+
+def gaussian_process(q: Floats, errors: Floats, seed: int, restarts: int = 2) -> GaussianProcess:
+    """Fitted to errors (N, 3) at inputs (N, k): a scale for each input (ARD), white noise, by marginal likelihood."""
+    inputs, outputs = Scale.of(q), Scale.of(errors)
+    at, found = inputs.standardised(q), []
+    for each in outputs.standardised(errors).T:
+        kernel = ConstantKernel(1.0, (1e-2, 1e3)) * RBF(np.ones(q.shape[1]), (1e-1, 1e3)) + WhiteKernel(
+            1e-3, (1e-7, 1.0)
+        )
+        process = GaussianProcessRegressor(kernel, n_restarts_optimizer=restarts, random_state=seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # a scale at its bound: an input that says nothing
+            found.append(process.fit(at, each))
+    return GaussianProcess(inputs, outputs, tuple(found))
 
 
 def figures(name: str, errors: Floats) -> Numbers:

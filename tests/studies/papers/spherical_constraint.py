@@ -203,7 +203,7 @@ CONSTRAINTS = Section(
 PAPER = Paper(
     "sph",
     "Spherical constraint (Wang et al. 2024)",
-    CELL,
+    "python -m tests.studies papers --papers sph",
     study,
     (HELD_OUT_TOUCHES, SIMULATION, WORKSPACE, DESCRIPTIONS, CONSTRAINTS),
 )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, TypeAlias, final
 
 import numpy as np
@@ -23,8 +22,12 @@ Study: TypeAlias = Callable[[int], Numbers]
 
 FIGURES = "| figure | paper | ours | note |\n|---|---|---|---|"
 ORDERINGS = (
-    "| ordering | paper | less | more | difference | holds | restored by | note |\n|---|---|---|---|---|---|---|---|"
+    "| ordering | paper | less | more | difference | holds | otherwise with | note |\n|---|---|---|---|---|---|---|---|"
 )
+LEVEL = 0.05
+"""Probability that a page of statements none of which is true or false says "yes" or "no" of any."""
+
+Holds: TypeAlias = Literal["yes", "no", "not decided"]
 
 
 @final
@@ -66,7 +69,7 @@ class Figure:
 class Ordering:
     """A statement of the paper that one number is less than another. `paper`: with its figures, as text.
 
-    `worlds`: switches of the World under which both numbers are there too, to see what restores the ordering.
+    `worlds`: switches of the World under which both numbers are there too, to see what restores or reverses it.
     """
 
     text: str
@@ -81,14 +84,20 @@ class Ordering:
 @final
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the seeds say of an ordering. holds: by the 95 % interval of the mean difference `more` − `less`."""
+    """What the seeds say of an ordering. p: two-sided, of Student's t for the mean difference `more` − `less`."""
 
     less: Interval
     more: Interval
     difference: Interval
     seeds_for: int
     seeds: int
-    holds: Literal["yes", "no", "not decided"]
+    p: float
+
+    def holds(self, level: float) -> Holds:
+        """Decided where p is below the level."""
+        if self.p >= level:
+            return "not decided"
+        return "yes" if self.difference.mean > 0.0 else "no"
 
 
 @final
@@ -103,11 +112,13 @@ class Section:
 @final
 @dataclass(frozen=True, eq=False)
 class Paper:
-    """A paper's study. `tag`: as on the command line and in the page's marks. `cell`: the cell file of its World."""
+    """A paper's study. `tag`: as on the command line and in the page's marks. `command`: makes the figures, for all
+    seeds.
+    """
 
     tag: str
     title: str
-    cell: Path
+    command: str
     study: Study
     sections: tuple[Section, ...]
 
@@ -130,15 +141,13 @@ class Results:
     def outcome(self, ordering: Ordering, world: str = "") -> Outcome:
         """Whether the ordering comes out; `world`: under this switch."""
         less, more = (self.values(under(world, key)) for key in (ordering.less, ordering.more))
-        difference = Interval.of(more - less)
-        decided = abs(difference.mean) > difference.half
         return Outcome(
             less=Interval.of(less),
             more=Interval.of(more),
-            difference=difference,
+            difference=Interval.of(more - less),
             seeds_for=int(np.count_nonzero(less < more)),
             seeds=len(less),
-            holds=("yes" if difference.mean > 0.0 else "no") if decided else "not decided",
+            p=_p(more - less),
         )
 
     @classmethod
@@ -157,16 +166,41 @@ def numbers_under(world: str, numbers: Numbers) -> Numbers:
     return {under(world, key): number for key, number in numbers.items()}
 
 
+def _p(differences: NDArray[np.float64]) -> float:
+    """Two-sided, of Student's t; 1 for one seed, and for differences that are all 0."""
+    if len(differences) < 2 or not differences.any():
+        return 1.0
+    scatter = differences.std(ddof=1) / np.sqrt(len(differences))
+    return float(2.0 * stats.t.sf(abs(differences.mean()) / scatter, len(differences) - 1)) if scatter > 0.0 else 0.0
+
+
+def holm(probabilities: Sequence[float], level: float = LEVEL) -> float:
+    """Below this a probability is decided, so that with `level` at most none of all is decided wrongly.
+
+    Holm 1979: in ascending order, p_1 is compared with level/m, p_2 with level/(m − 1), …, until one is not below.
+    """
+    for place, p in enumerate(sorted(probabilities)):
+        if p >= level / (len(probabilities) - place):
+            return p
+    return level
+
+
 def page_of(paper: Paper, results: Results) -> str:
     """All tables of a paper."""
+    orderings = [one for section in paper.sections for one in section.statements if isinstance(one, Ordering)]
+    asked = [(one, world) for one in orderings for world in ("", *one.worlds)]
+    level = holm([results.outcome(one, world).p for one, world in asked])
     seeds = len(results.by_seed)
-    head = f"Means of {seeds} simulated robots (seeds) with their 95 % confidence intervals."
-    return "\n\n".join([head, *(_section(section, results) for section in paper.sections)])
+    head = f"Means of {seeds} simulated robots (seeds) with their 95 % confidence intervals"
+    head += f", by `{paper.command}`." if paper.command else "."
+    if asked:
+        head += f"\n*Yes* and *no* after Holm's correction over the {len(asked)} comparisons of this page."
+    return "\n\n".join([head, *(_section(section, results, level) for section in paper.sections)])
 
 
-def _section(section: Section, results: Results) -> str:
+def _section(section: Section, results: Results, level: float) -> str:
     figures = [_figure(one, results) for one in section.statements if isinstance(one, Figure)]
-    orderings = [_ordering(one, results) for one in section.statements if isinstance(one, Ordering)]
+    orderings = [_ordering(one, results, level) for one in section.statements if isinstance(one, Ordering)]
     parts = [f"### {section.title}"]
     parts += ["\n".join([FIGURES, *figures])] if figures else []
     parts += ["\n".join([ORDERINGS, *orderings])] if orderings else []
@@ -178,7 +212,7 @@ def _figure(figure: Figure, results: Results) -> str:
     return f"| {figure.text} | {figure.paper or '–'} | {ours} | {figure.note} |"
 
 
-def _ordering(ordering: Ordering, results: Results) -> str:
+def _ordering(ordering: Ordering, results: Results, level: float) -> str:
     found, digits = results.outcome(ordering), ordering.digits
     cells = [
         ordering.text,
@@ -186,21 +220,22 @@ def _ordering(ordering: Ordering, results: Results) -> str:
         found.less.text(digits),
         found.more.text(digits),
         found.difference.text(digits),
-        f"{found.holds} ({found.seeds_for} of {found.seeds})",
-        _restored(ordering, found, results),
+        f"{found.holds(level)} ({found.seeds_for} of {found.seeds})",
+        _otherwise(ordering, found.holds(level), results, level),
         ordering.note,
     ]
     return "| " + " | ".join(cells) + " |"
 
 
-def _restored(ordering: Ordering, found: Outcome, results: Results) -> str:
-    """The switches under which the ordering holds, where it does not in the cell's own World."""
-    if found.holds == "yes":
-        return "–"
+def _otherwise(ordering: Ordering, here: Holds, results: Results, level: float) -> str:
+    """The switches under which another answer is decided than in the cell's own World."""
     outcomes = {world: results.outcome(ordering, world) for world in ordering.worlds}
-    restoring = [
-        f"`{world}` ({one.difference.text(ordering.digits)})" for world, one in outcomes.items() if one.holds == "yes"
+    answers = {world: one.holds(level) for world, one in outcomes.items()}
+    others = [
+        f"{answer}: `{world}` ({outcomes[world].difference.text(ordering.digits)})"
+        for world, answer in answers.items()
+        if answer not in (here, "not decided")
     ]
-    if restoring:
-        return ", ".join(restoring)
-    return f"none of {', '.join(f'`{world}`' for world in outcomes)}" if outcomes else "no switch tried"
+    if others:
+        return ", ".join(others)
+    return f"none of {', '.join(f'`{world}`' for world in outcomes)}" if outcomes else "–"
