@@ -14,7 +14,7 @@ from cellctl.cli.arguments import in_minutes, refuse_outputs, write_json
 from cellctl.engine import ActionName, Operator
 from cellctl.engine.status import Status, status_of
 from cellctl.files import InputError, Problem
-from cellctl.journal import fold, read_journal, run_place, writer_of
+from cellctl.journal import run_place, writer_of
 from cellctl.journal.journal_file import FILE_NAME
 from cellctl.operations.run_control import act
 from cellctl.operations.run_list import RunEnd
@@ -40,7 +40,7 @@ def status(run: _Run = None, runs: arguments.Runs = Path("runs"), json_: argumen
     """
     folder = _chosen(run, runs)
     refuse_outputs({"--json": json_}, [*folder.glob("*")])
-    found, state = status_of(folder, StepRegistry.installed()), fold(read_journal(folder))
+    found, state = status_of(folder, StepRegistry.installed())
     end = RunEnd.of(folder, state, running=bool(found.process))
     if json_:
         said = {name: getattr(end, name) if end else "" for name in ("problem", "cure", "sentence")}

@@ -116,7 +116,7 @@ class KnownProcedure:
 
 def _title_of_kind(do: str, registry: StepRegistry) -> str:
     try:
-        return registry.find(do).title
+        return registry.describe(do).title
     except (UnknownStep, BrokenSteps):
         return ""
 
@@ -163,13 +163,13 @@ class Status:
     broken: tuple[str, ...]
 
 
-def status_of(run_folder: Path, registry: StepRegistry) -> Status:
-    """Status of the run in `run_folder`. Raises JournalError."""
+def status_of(run_folder: Path, registry: StepRegistry) -> tuple[Status, RunState]:
+    """Status of the run in `run_folder`, and the fold of its events. Raises JournalError."""
     writer = writer_of(run_folder)
     found = RunProgress(lambda started: KnownProcedure.of(started, registry))
     for entry in read_journal(run_folder):
         found.apply(entry)
-    return found.status(run_folder.name, writer)
+    return found.status(run_folder.name, writer), found.state
 
 
 @final

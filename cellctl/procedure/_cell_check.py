@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from cellctl.files import Document, InputError, Problem
-from cellctl.procedure._steps import AnyStepKind, CellContext
+from cellctl.procedure._steps import AnyStepKind, CellContext, StepDescription
 from cellctl.procedure.model import Procedure, Step
 from cellctl.procedure.references import UNKNOWN, Reference, known_part
 from cellctl.procedure.registry import StepRegistry
@@ -33,7 +33,7 @@ def expected_passes(procedure: Procedure, parameters: Mapping[str, Any], registr
     """
     total = 0
     for action in procedure.actions():
-        kind = registry.find(action.do) if isinstance(action, Step) else None
+        kind = registry.describe(action.do) if isinstance(action, Step) else None
         if isinstance(action, Step) and kind and kind.expects:
             with _own_mistakes(procedure, action, "expects"):
                 total += kind.expects(_known(action, kind, parameters))
@@ -73,7 +73,7 @@ def _own_mistakes(procedure: Procedure, step: Step, hook: str) -> Iterator[None]
         raise InputError(procedure.document.problem((*step.at, "do"), what, cure)) from error
 
 
-def _known(step: Step, kind: AnyStepKind, parameters: Mapping[str, Any]) -> dict[str, Any]:
+def _known(step: Step, kind: AnyStepKind | StepDescription, parameters: Mapping[str, Any]) -> dict[str, Any]:
     def value_of(reference: Reference) -> Any:
         return UNKNOWN if reference.way else parameters.get(reference.name, UNKNOWN)
 

@@ -228,6 +228,23 @@ class StepKind(Generic[Inputs, Result]):
 
 AnyStepKind = StepKind[Any, Any]
 
+
+@final
+@dataclass(frozen=True, slots=True)
+class StepDescription:
+    """What the status of a run needs of a step kind whose function is not imported yet.
+
+    `module`: of the function, `.name` inside the family's package. `title`, `inputs`, `expects`: as of `StepKind`;
+    `inputs` only with `expects`, for the defaults.
+    """
+
+    name: str
+    module: str
+    title: str = ""
+    inputs: type[BaseModel] = NoInputs
+    expects: ExpectedPasses | None = None
+
+
 _DEVICE_ERRORS: dict[str, type[Exception]] = {
     name: value
     for name, value in vars(device_errors).items()

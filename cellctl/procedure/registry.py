@@ -1,15 +1,19 @@
-"""Finds step kinds in modules named by entry points, each loaded at its first use; titles and fields that they give."""
+"""Finds step kinds in modules named by entry points, each loaded at its first use; titles and fields that they give.
+
+A module holds step kinds, or describes them in its tuple `STEPS`: then a function is imported only when it is to run.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pkgutil import walk_packages
 from types import ModuleType
 from typing import Self, final
 
-from cellctl.procedure._steps import AnyStepKind, StepKind
+from cellctl.procedure._steps import AnyStepKind, StepDescription, StepKind
 from cellctl.procedure.fields import did_you_mean
 from cellctl.procedure.model import Action, If, Loop, Procedure, Step, walk
 
@@ -42,7 +46,7 @@ class StepRegistry:
     def __init__(
         self, kinds: Iterable[AnyStepKind] = (), families: Mapping[str, Callable[[], ModuleType]] | None = None
     ) -> None:
-        self._kinds = {kind.name: kind for kind in kinds}
+        self._kinds: dict[str, AnyStepKind | StepDescription] = {kind.name: kind for kind in kinds}
         self._families = dict(families or {})
         self._loaded: dict[str, BrokenSteps | None] = {}
 
@@ -57,7 +61,14 @@ class StepRegistry:
         return cls(families={name: _loader(*rivals) for name, rivals in points.items()})
 
     def find(self, name: str) -> AnyStepKind:
-        """The kind of that name. Raises UnknownStep, BrokenSteps."""
+        """The kind of that name, its function imported. Raises UnknownStep, BrokenSteps."""
+        found = self.describe(name)
+        if isinstance(found, StepDescription):
+            found = self._kinds[name] = self._import(found)
+        return found
+
+    def describe(self, name: str) -> AnyStepKind | StepDescription:
+        """The kind of that name, or its description if no `find` has asked for it. Raises UnknownStep, BrokenSteps."""
         family = name.partition(".")[0]
         if name not in self._kinds and (broken := self._load(family)):
             raise broken
@@ -97,11 +108,24 @@ class StepRegistry:
         return self._loaded[family]
 
     def _take(self, family: str, module: ModuleType) -> None:
-        found = {kind.name: kind for kind in vars(module).values() if isinstance(kind, StepKind)}
+        found: dict[str, AnyStepKind | StepDescription] = {**_kinds_in(module)}
+        found |= {each.name: each for each in getattr(module, "STEPS", ()) if isinstance(each, StepDescription)}
         for name in found:
             if name.partition(".")[0] != family:
                 raise BrokenSteps(f"{module.__name__} (family '{family}')", f"step '{name}' is not of this family")
         self._kinds.update(found)
+
+    def _import(self, described: StepDescription) -> AnyStepKind:
+        """The kind with its function. Raises BrokenSteps."""
+        package = self._families[described.name.partition(".")[0]]().__name__
+        source = f"{package}{described.module}"
+        try:
+            kinds = _kinds_in(import_module(described.module, package))
+        except Exception as error:  # as in `_loader`
+            raise BrokenSteps(source, f"{type(error).__name__}: {error}") from error
+        if described.name not in kinds:
+            raise BrokenSteps(source, f"it has no step '{described.name}'")
+        return replace(kinds[described.name], title=described.title, expects=described.expects)
 
 
 def _loader(point: EntryPoint, *rivals: EntryPoint) -> Callable[[], ModuleType]:
@@ -117,6 +141,10 @@ def _loader(point: EntryPoint, *rivals: EntryPoint) -> Callable[[], ModuleType]:
         return module
 
     return load
+
+
+def _kinds_in(module: ModuleType) -> dict[str, AnyStepKind]:
+    return {kind.name: kind for kind in vars(module).values() if isinstance(kind, StepKind)}
 
 
 def _source(point: EntryPoint) -> str:
@@ -139,7 +167,7 @@ def _collect(actions: tuple[Action, ...], around: str, registry: StepRegistry, t
             case If():
                 _collect((*action.then, *action.otherwise), around, registry, titles)
             case Step():
-                titles[action.id] = around or registry.find(action.do).title or action.id.replace("_", " ")
+                titles[action.id] = around or registry.describe(action.do).title or action.id.replace("_", " ")
 
 
 def section_of(procedure: Procedure, registry: StepRegistry) -> tuple[str, ...]:

@@ -11,9 +11,9 @@ import pytest
 
 from cellctl.files import InputError, load_yaml
 from cellctl.formats import DataSet
+from procedures.steps.tracker.plan_inputs import PlanInputs
 from procedures.steps.tracker.pose_planning import planned_rounds
 from procedures.steps.tracker.pose_plans import PosePlan
-from procedures.steps.tracker.posing import PlanInputs
 from tests.helpers.runs import ROOT
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"

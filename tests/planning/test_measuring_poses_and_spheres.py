@@ -12,9 +12,9 @@ import pytest
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.formats.cell_sections import reflectors_of, station_of
+from procedures.steps.tracker.plan_inputs import PlanInputs
 from procedures.steps.tracker.pose_planning import planned_rounds
 from procedures.steps.tracker.pose_plans import PosePlan
-from procedures.steps.tracker.posing import PlanInputs
 from tests.helpers.runs import ROOT
 
 ROBOT_FILE = ROOT / "procedures" / "robots" / "kr5_r1400.yaml"

@@ -1,5 +1,7 @@
 """Steps come from installed modules, loaded when asked for; a broken one is named and breaks no other."""
 
+import re
+import sys
 import types
 from pathlib import Path
 from typing import Protocol
@@ -13,6 +15,7 @@ from cellctl.procedure import (
     CellFiles,
     NoInputs,
     StepContext,
+    StepDescription,
     StepInputs,
     StepRegistry,
     StepResult,
@@ -22,6 +25,7 @@ from cellctl.procedure import (
     step,
 )
 from cellctl.procedure import registry as registry_module
+from tests.helpers.runs import ROOT
 
 
 class Depth(StepInputs):
@@ -117,6 +121,40 @@ def test_a_family_claimed_by_two_packages_is_refused_with_both_named(installed):
 def test_a_family_seen_twice_is_one(installed):
     load = lambda: module("plugin.well", measure=measure)  # noqa: E731
     assert installed(("well", load), ("well", load)).find("well.measure") is measure
+
+
+LISTED = StepDescription("well.measure", ".digging", "measuring the well", Depth, lambda known: 2 * known["mm"])
+
+
+def test_a_described_step_is_imported_only_when_it_is_to_run(installed, monkeypatch):
+    registry = installed(("well", lambda: module("plugin.well", STEPS=(LISTED,))))
+    described = registry.describe("well.measure")
+    assert (described.title, described.expects({"mm": 3})) == ("measuring the well", 6)
+    monkeypatch.setitem(sys.modules, "plugin.well.digging", module("plugin.well.digging", measure=measure))
+    found = registry.find("well.measure")
+    assert (found.function, found.title, found.expects) == (measure.function, LISTED.title, LISTED.expects)
+
+
+@pytest.mark.parametrize(
+    ("members", "why"), [(None, "ModuleNotFoundError"), ({"leave": leave}, "has no step 'well.measure'")]
+)
+def test_a_described_step_that_its_module_does_not_have_is_named(members, why, installed, monkeypatch):
+    registry = installed(("well", lambda: module("plugin.well", STEPS=(LISTED,), leave=leave)))
+    if members:
+        monkeypatch.setitem(sys.modules, "plugin.well.digging", module("plugin.well.digging", **members))
+    with pytest.raises(BrokenSteps, match=rf"plugin\.well\.digging cannot be loaded: .*{why}"):
+        registry.find("well.measure")
+    assert registry.find("well.leave") is leave
+
+
+def test_every_shipped_step_is_described_with_its_inputs():
+    registry = StepRegistry.installed()
+    names = registry.names()
+    text = "".join(file.read_text(encoding="utf-8") for file in (ROOT / "procedures" / "steps").rglob("*.py"))
+    assert sorted(re.findall(r'@step\(\s*"([^"]+)"', text)) == names
+    described = {name: registry.describe(name) for name in names}
+    for name, each in described.items():
+        assert not each.expects or registry.find(name).inputs is each.inputs
 
 
 def test_our_own_steps_are_found_where_they_are_installed():

@@ -17,6 +17,8 @@ import pytest
 import cellctl
 from cellctl.cli.verbs import VERBS
 from cellctl.installed import shipped
+from cellctl.journal import Journal, RunStarted, SourceFile
+from cellctl.procedure import StepRegistry
 from tests.helpers.runs import CELL, ROOT, touches_procedure
 
 PACKAGES = ("cellctl", "drivers", "procedures", "sims")
@@ -101,16 +103,33 @@ def test_the_names_that_are_loaded_at_first_use_are_stated_for_type_checkers_too
     ids=lambda given: given[0] if isinstance(given, list) else "",
 )
 def test_a_verb_that_only_asks_or_stops_imports_nothing_slow(words, slow, tmp_path):
+    assert [name for name in slow if name in modules_of_a_call(words, tmp_path)] == []
+
+
+def test_the_status_of_a_run_imports_no_function_of_its_steps(tmp_path):
+    """Titles and expected passes come from the descriptions of the steps, here of all that are installed."""
+    names = StepRegistry.installed().names()
+    steps = "".join(f"  - {{id: s{number}, do: {name}}}\n" for number, name in enumerate(names))
+    source = SourceFile("all.yaml", f"procedure: all\ntitle: all\nsteps:\n{steps}", "")
+    with Journal.create(tmp_path / "run", lambda: 1) as journal:
+        journal.append(RunStarted(source, source, {}, 1, "lockstep", "", "2026-11-22T10:00:00Z", "", {}))
+    loaded = modules_of_a_call(["status", "run"], tmp_path)
+    assert {"procedures.steps.sphere", "procedures.steps.tracker"} <= set(loaded)
+    assert [name for name in SLOW if name in loaded] == []
+
+
+def modules_of_a_call(words, folder):
+    """The names of all modules that `cellctl WORDS` imports."""
     code = (
         "import json, sys; sys.argv = ['cellctl', *sys.argv[1:]]\n"
         "from cellctl.cli.main import main\n"
         "try: main()\n"
         "finally: print(json.dumps(sorted(sys.modules)), file=sys.stderr)"
     )
-    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, cwd=tmp_path)
+    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, cwd=folder)
     loaded = json.loads(ended.stderr.splitlines()[-1])
     assert "cellctl.cli.verbs" in loaded
-    assert [name for name in slow if name in loaded] == []
+    return loaded
 
 
 BETWEEN = """

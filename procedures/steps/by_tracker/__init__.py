@@ -1,5 +1,5 @@
 """A model judged by a tracker that took no part in its identification: the steps of the family `by_tracker`."""
 
-from procedures.steps.by_tracker.verdict import judge
+from cellctl.procedure import StepDescription
 
-__all__ = ["judge"]
+STEPS = (StepDescription("by_tracker.judge", ".verdict", "judging the model by the tracker"),)

@@ -31,7 +31,7 @@ _BENDS = "deflection"
 """The group of the tool's bending: the reflectors are fixed to the flange and do not move with it."""
 
 
-@step("by_tracker.judge", verdict=ByTrackerVerdict, title="judging the model by the tracker")
+@step("by_tracker.judge", verdict=ByTrackerVerdict)
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the model from the touches is at held-out poses, beside nominal and a model from the poses."""
     found = await context.clock.compute(compared, context)

@@ -1,5 +1,9 @@
 """The daily check of a robot by a tracker: the steps of the family `daily`."""
 
-from procedures.steps.daily._checking import collect, earlier_runs, judge
+from cellctl.procedure import StepDescription
 
-__all__ = ["collect", "earlier_runs", "judge"]
+STEPS = (
+    StepDescription("daily.collect", "._checking", "collecting the points"),
+    StepDescription("daily.earlier_runs", "._checking", "reading earlier runs"),
+    StepDescription("daily.judge", "._checking", "judging the robot"),
+)

@@ -18,7 +18,7 @@ class CollectInputs(StepInputs):
     baseline: Annotated[str, Field(min_length=1)] = "first"
 
 
-@step("daily.collect", title="collecting the points")
+@step("daily.collect")
 async def collect(context: StepContext, inputs: CollectInputs) -> None:
     """Collect the measured points and nests; refuse a run in which the station moved."""
     await context.record(DailyPointsRow(day=await context.clock.compute(day_points, context, inputs.baseline)))
@@ -30,7 +30,7 @@ class Earlier(StepResult):
     runs: int
 
 
-@step("daily.earlier_runs", reads_files=True, title="reading earlier runs")
+@step("daily.earlier_runs", reads_files=True)
 async def earlier_runs(context: StepContext, inputs: NoInputs) -> Earlier:
     """Read the earlier runs of this check from the folder of runs, and record what they measured."""
     row = await context.clock.compute(read_earlier_runs, context)
@@ -51,7 +51,7 @@ class JudgeInputs(StepInputs):
     weight: Annotated[float, Field(ge=0.05, le=1)] = 0.2
 
 
-@step("daily.judge", verdict=DailyVerdict, title="judging the robot")
+@step("daily.judge", verdict=DailyVerdict)
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """Compare the points with the baseline by T² and EWMA; before the baseline is complete, only count it."""
     verdict, chart = await context.clock.compute(judged, context, inputs)

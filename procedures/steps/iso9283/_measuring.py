@@ -10,6 +10,7 @@ from pydantic import Field
 from cellctl.devices import TableRobot, TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.iso9283._evaluation import evaluated, station_row, verdict_of
+from procedures.steps.iso9283.plan_inputs import CycleInputs, PlanInputs
 from procedures.steps.iso9283.planning import CubePose, CubeRound, compensated, cube_rounds, cube_row, planned
 from procedures.steps.iso9283.rows import IsoPoseRow, IsoVerdict, When
 from procedures.steps.judged import Judged, PushInputs
@@ -46,7 +47,7 @@ def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
     check_model(context, known)
 
 
-@step("iso9283.read_model", check=_check_model, reads_files=True, title="reading the model")
+@step("iso9283.read_model", check=_check_model, reads_files=True)
 async def read_model(context: StepContext, inputs: ReadInputs) -> ReadModel:
     """Read the model that an earlier run identified, and record it; refuse that of another controller."""
     if inputs.run:
@@ -54,24 +55,6 @@ async def read_model(context: StepContext, inputs: ReadInputs) -> ReadModel:
     else:
         context.say("no model is given: the robot is measured by nominal joints only")
     return ReadModel(found=bool(inputs.run))
-
-
-class CycleInputs(StepInputs):
-    """cycles: how many. directions: whether P1, P2, P4 are visited from three directions, too. monuments_every: poses
-    between two visits to the monuments.
-    """
-
-    cycles: Annotated[int, Field(ge=2, le=200)] = 30
-    directions: bool = True
-    monuments_every: Annotated[int, Field(ge=5)] = 70
-
-
-class PlanInputs(CycleInputs):
-    """edge: of the cube, mm; centre: `x, y, z` in the base frame, mm, empty: found; reflectors: visible everywhere."""
-
-    edge: Annotated[float, Field(ge=100, le=2000)] = 400.0
-    centre: str = ""
-    reflectors: Annotated[int, Field(ge=1, le=8)] = 3
 
 
 class Planned(StepResult):
@@ -85,11 +68,7 @@ def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
         planned(context, known["edge"], known["centre"], known["reflectors"])
 
 
-def _passes(known: Mapping[str, Any]) -> int:
-    return int(known.get("cycles", 0)) * (14 if known.get("directions") else 5)
-
-
-@step("iso9283.plan", check=_check_plan, title="planning the cube", expects=_passes)
+@step("iso9283.plan", check=_check_plan)
 async def plan(context: StepContext, inputs: PlanInputs) -> Planned:
     """Find the ISO cube in the workspace, the reflectors visible at its five points, and plan the cycles."""
     cube = await context.clock.compute(planned, context, inputs.edge, inputs.centre, inputs.reflectors)
@@ -105,7 +84,7 @@ class Compensation(StepResult):
     table: str | None
 
 
-@step("iso9283.compensate", title="compensating the five points", expects=_passes)
+@step("iso9283.compensate")
 async def compensate(context: StepContext, inputs: CycleInputs) -> Compensation:
     """Compensate the five points by the model that was read, and write their table into the run folder."""
     models = context.recorded(ReadModelRow)
@@ -118,13 +97,13 @@ async def compensate(context: StepContext, inputs: CycleInputs) -> Compensation:
     return Compensation(rounds=rounds, table=table.id)
 
 
-@step("iso9283.register", title="registering the base frame")
+@step("iso9283.register")
 async def register(context: StepContext, inputs: NoInputs) -> None:
     """Find the instrument's place from the registration poses, which are not judged."""
     await context.record(await context.clock.compute(station_row, context))
 
 
-@step("iso9283.push", needs={"robot": TableStore}, title="pushing the table")
+@step("iso9283.push", needs={"robot": TableStore})
 async def push(context: StepContext, inputs: PushInputs) -> None:
     """Push the table of the five points; to be done again on resume (`on_resume: always`)."""
     if inputs.table is not None and not context.recorded(IsoVerdict):
@@ -143,13 +122,7 @@ class VisitInputs(PointInputs):
     transfer_percent: Annotated[float, Field(gt=0, le=100)] = 20.0
 
 
-@step(
-    "iso9283.measure",
-    needs={**NEEDS, "robot": TableRobot},
-    uses=USES,
-    errors=(NotSettled, NestsDisagree),
-    title="measuring the five points",
-)
+@step("iso9283.measure", needs={**NEEDS, "robot": TableRobot}, uses=USES, errors=(NotSettled, NestsDisagree))
 async def measure(context: StepContext, inputs: VisitInputs) -> Measured:
     """Go to a point by its approach, by nominal joints or by its row of the table; measure the reflectors."""
     pose, near = inputs.pose, inputs.transfer_percent * NEAR_SHARE
@@ -168,7 +141,7 @@ async def measure(context: StepContext, inputs: VisitInputs) -> Measured:
     return Measured(xyz=list(fields["point"].xyz))
 
 
-@step("iso9283.evaluate", title="computing the figures")
+@step("iso9283.evaluate")
 async def evaluate(context: StepContext, inputs: NoInputs) -> None:
     """Register the base on the registration poses, and compute AP, RP, vAP, AD and RD before and after."""
     registration, rows = await context.clock.compute(evaluated, context)
@@ -183,7 +156,7 @@ class JudgeInputs(StepInputs):
     reflectors: Annotated[int, Field(ge=1, le=8)]
 
 
-@step("iso9283.judge", needs={"robot": TableStore}, verdict=IsoVerdict, title="judging the table")
+@step("iso9283.judge", needs={"robot": TableStore}, verdict=IsoVerdict)
 async def judge(context: StepContext, inputs: JudgeInputs) -> Judged:
     """State the figures; withdraw a table by which the five points are not better."""
     found = await context.clock.compute(verdict_of, context, inputs.transfer_percent, inputs.reflectors)

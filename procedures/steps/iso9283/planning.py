@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
 
@@ -23,10 +23,12 @@ from cellctl.operations.table import refuse_table
 from cellctl.planning.measuring_poses import MeasuringArm
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext, StepContext, StepResult
+from procedures.steps.iso9283.plan_inputs import CycleInputs
 from procedures.steps.iso9283.rows import CubeRow
 from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded, turn_posture
+from procedures.steps.tracker.plan_inputs import DEFAULT_METHOD
 from procedures.steps.tracker.pose_planning import pose_limits
-from procedures.steps.tracker.pose_plans import DEFAULT_METHOD, PosePlan
+from procedures.steps.tracker.pose_plans import PosePlan
 from procedures.steps.tracker.rows import MODEL_FILE
 from procedures.steps.tracker.target_table import Compensable, CompensationSettings
 
@@ -204,23 +206,9 @@ def _frame(along: Floats) -> Floats:
     return np.column_stack([along, across, np.cross(along, across)])
 
 
-class Cycles(Protocol):
-    """The procedure's settings."""
-
-    @property
-    def cycles(self) -> int:
-        """How many."""
-
-    @property
-    def directions(self) -> bool:
-        """Whether P1, P2, P4 are visited from three directions, too."""
-
-    @property
-    def monuments_every(self) -> int:
-        """Poses between two visits to the monuments."""
-
-
-def cube_rounds(context: CellContext, cube: Cube, joints: Floats, wanted: Cycles, *, by_table: bool) -> list[CubeRound]:
+def cube_rounds(
+    context: CellContext, cube: Cube, joints: Floats, wanted: CycleInputs, *, by_table: bool
+) -> list[CubeRound]:
     """All cycles at joints (5, n), deg, in rounds of whole cycles; by_table: the joints are of table rows 1 … 5."""
     visits = [
         CubePose(
@@ -243,7 +231,7 @@ def cube_rounds(context: CellContext, cube: Cube, joints: Floats, wanted: Cycles
     return [_round(context, visits[first : first + size], first // size) for first in range(0, len(visits), size)]
 
 
-def _visits(cube: Cube, joints: Floats, wanted: Cycles) -> list[tuple[int, int, int, Floats]]:
+def _visits(cube: Cube, joints: Floats, wanted: CycleInputs) -> list[tuple[int, int, int, Floats]]:
     """Cycle, place, side, and where the approach begins (n,), deg."""
     one = [(place, 0, joints[place] - APPROACH_DEG) for place in CYCLE]
     if wanted.directions:
@@ -292,7 +280,7 @@ def cube_of(context: StepContext) -> Cube:
     )
 
 
-def compensated(context: StepContext, wanted: Cycles) -> tuple[TableFile, list[CubeRound]]:
+def compensated(context: StepContext, wanted: CycleInputs) -> tuple[TableFile, list[CubeRound]]:
     """The table of the five points, and the cycles by it. Raises InputError if a point cannot be compensated."""
     model, cube = ModelFile.load(context.artefact(MODEL_FILE)), cube_of(context)
     limit = table_correction_deg(context.cell)

@@ -13,6 +13,7 @@ from procedures.steps.contact_search import FoundContact, Speeds, search_and_ret
 from procedures.steps.judged import Judged, Pushed, PushInputs
 from procedures.steps.sphere._identification import verdict_of
 from procedures.steps.sphere._standoffs import standoff_row, standoffs_and_table
+from procedures.steps.sphere.plan_inputs import CompensateInputs, PlanProofInputs
 from procedures.steps.sphere.planning import check_on_sphere, locating_touches, standoff_options, worth_proving
 from procedures.steps.sphere.rows import ProofRow, SphereVerdict, StandOffRow
 from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
@@ -22,17 +23,6 @@ from procedures.steps.table_push import (
     take_back_unproved,
     withdrawn_unless_better,
 )
-
-
-class PlanProofInputs(StepInputs):
-    """The proof sphere, the number of touches that locate it, and from how many times as many they are chosen.
-
-    `tried`: 1, as in older procedures, plans the first touches in reach, which may all be on one side.
-    """
-
-    sphere: str
-    touches: Annotated[int, Field(ge=4)] = 8
-    tried: Annotated[int, Field(ge=1, le=16)] = 1
 
 
 class ProofPlan(StepResult):
@@ -45,12 +35,7 @@ def _check_located(context: CellContext, known: Mapping[str, Any]) -> None:
     check_on_sphere(context, known.get("sphere"), known.get("touches"))
 
 
-@step(
-    "sphere.plan_proof",
-    check=_check_located,
-    title="planning the proof",
-    expects=lambda known: int(known.get("touches", 0)),
-)
+@step("sphere.plan_proof", check=_check_located)
 async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan:
     """Plan the touches that locate the proof sphere, where the model has earned it."""
     if not worth_proving(context):
@@ -60,19 +45,6 @@ async def plan_proof(context: StepContext, inputs: PlanProofInputs) -> ProofPlan
     return ProofPlan(touches=touches)
 
 
-class CompensateInputs(StepInputs):
-    """Stand-off targets on the proof sphere: their number, distance from its surface, and reference touch.
-
-    `reference`: the touch to return to after each `reference_every` stand-offs (0: never).
-    """
-
-    sphere: str
-    targets: Annotated[int, Field(ge=3, le=500)] = 30
-    distance_mm: Annotated[float, Field(gt=0, le=20)] = 10.0
-    reference: TouchPlan
-    reference_every: Annotated[int, Field(ge=0)] = 0
-
-
 class Compensation(StepResult):
     """The planned stand-offs, in rounds; the id of the table in the run folder. May be empty."""
 
@@ -80,18 +52,12 @@ class Compensation(StepResult):
     table: str | None
 
 
-def _standoffs(known: Mapping[str, Any]) -> int:
-    """Each target has two stand-offs; a return to the reference follows each `reference_every` stand-offs."""
-    targets, half = known.get("targets", 0), known.get("reference_every", 0) // 2
-    return int(2 * targets + (targets // half if half else 0))
-
-
 def _check_standoffs(context: CellContext, known: Mapping[str, Any]) -> None:
     options = standoff_options(known["distance_mm"]) if "distance_mm" in known else None
     check_on_sphere(context, known.get("sphere"), known.get("targets"), options)
 
 
-@step("sphere.compensate", check=_check_standoffs, title="compensating targets", expects=_standoffs)
+@step("sphere.compensate", check=_check_standoffs)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Find the proof sphere by either model, compensate targets off it, write the table into the run folder."""
     if not worth_proving(context):
@@ -103,7 +69,7 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
     return Compensation(rounds=found.rounds, table=found.row.table)
 
 
-@step("sphere.push", needs={"robot": TableStore}, title="pushing the table")
+@step("sphere.push", needs={"robot": TableStore})
 async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     """Push the run's table to the controller: refused where it does not fit, read back, in force at once.
 
@@ -127,11 +93,7 @@ class StoodOff(StepResult):
     error_mm: float
 
 
-@step(
-    "sphere.standoff",
-    needs={"robot": CompensatedRobot, "probe": ContactProbe},
-    title="measuring stand-offs",
-)
+@step("sphere.standoff", needs={"robot": CompensatedRobot, "probe": ContactProbe})
 async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     """Go to a target off the sphere, search along its normal until contact, note the travel, retreat."""
     robot: CompensatedRobot = context.device("robot")
@@ -152,7 +114,7 @@ async def standoff(context: StepContext, inputs: StandOffInputs) -> StoodOff:
     return StoodOff(error_mm=row.error_mm)
 
 
-@step("sphere.judge", needs={"robot": TableStore}, verdict=SphereVerdict, title="judging the table")
+@step("sphere.judge", needs={"robot": TableStore}, verdict=SphereVerdict)
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """Say how good the robot was and is, by held-out touches and stand-off; take a table back that did no good."""
     found = await context.clock.compute(verdict_of, context)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from cellctl.kinematics import Floats, JointMap
 from cellctl.planning import PlannedTouch
 from cellctl.procedure import StepContext
 from procedures.steps.contact_search import FoundContact
+from procedures.steps.sphere.plan_inputs import CompensateInputs
 from procedures.steps.sphere.planning import as_plan, standoff_lines
 from procedures.steps.sphere.reference_touches import drift_of, last_number, touch_sigma_mm
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, StandOffRow, TouchRow
@@ -26,30 +27,6 @@ from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 _TOLERANCE_MM = 1e-4
 """Left by the compensated joints, far below a touch's scatter: as in older runs, which replay to the same bytes."""
-
-
-class StandoffInputs(Protocol):
-    """The procedure's settings."""
-
-    @property
-    def sphere(self) -> str:
-        """The proof sphere."""
-
-    @property
-    def targets(self) -> int:
-        """Number of stand-offs."""
-
-    @property
-    def distance_mm(self) -> float:
-        """Distance from the surface."""
-
-    @property
-    def reference(self) -> TouchPlan:
-        """The touch to return to."""
-
-    @property
-    def reference_every(self) -> int:
-        """Number of stand-offs between returns."""
 
 
 @final
@@ -73,7 +50,7 @@ class _Sphere:
     reach: float
 
 
-def standoffs_and_table(context: StepContext, inputs: StandoffInputs) -> Prepared:
+def standoffs_and_table(context: StepContext, inputs: CompensateInputs) -> Prepared:
     """Locate the sphere by either model, plan targets off it, compensate them, make the table.
 
     Before: nominal joints to targets about the centre by the nominal model. After: compensated joints to the

@@ -17,8 +17,8 @@ from cellctl.planning.touches import spheres_of
 from cellctl.planning.ways import Obstacles, Reach
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.sphere.reference_touches import last_number
-from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow, TouchSet
-from procedures.steps.sphere.touch_plans import TouchPlan
+from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow
+from procedures.steps.sphere.touch_plans import TouchPlan, TouchSet
 
 _REMEMBERED = 8
 _PLANNED: dict[str, list[PlannedTouch]] = {}

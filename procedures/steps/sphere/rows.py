@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, final
 
 from cellctl.records import Figures, Row, VerdictRow
+from procedures.steps.sphere.touch_plans import TouchSet
 
 Joints = tuple[float, ...]
-TouchSet = Literal["fit", "test", "locate", "reference"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from cellctl.procedure import StepResult
-from procedures.steps.sphere.rows import TouchSet
 
 _IMPLAUSIBLE_SHARE = 0.1
 """A touch's line is 10 mm to the expected surface and 8 mm beyond: a contact over 8.2 mm too early is not with the
@@ -18,6 +17,8 @@ _UNFORESEEN_MM, _AT_ALL_MM = 4.0, 0.5
 
 Joints = Annotated[list[float], Field(min_length=1, max_length=20)]
 """Joint readings, degrees."""
+
+TouchSet = Literal["fit", "test", "locate", "reference"]
 
 
 class TouchPlan(StepResult):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from cellctl.devices import ContactProbe, SearchingRobot
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
@@ -13,46 +13,11 @@ from procedures.steps.contact_search import FoundContact, Speeds, search_and_ret
 from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged
 from procedures.steps.sphere._identification import identify_touches
+from procedures.steps.sphere.plan_inputs import PlanInputs, names_of
 from procedures.steps.sphere.planning import assumption, check_plan, planned_touches
 from procedures.steps.sphere.reference_touches import jump, reference_row, remark
 from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
 from procedures.steps.sphere.touch_plans import Joints, TouchPlan
-
-TOUCHES_PER_SPHERE = 6
-"""Touches of the fit that the verdict requires for each sphere: two numbers for each coordinate of its centre."""
-
-
-def _names(spheres: str) -> list[str]:
-    return [name.strip() for name in spheres.split(",") if name.strip()]
-
-
-class PlanInputs(StepInputs):
-    """Number of touches, spheres (names separated by commas; empty: all), and frequency of returns to the first.
-
-    `reference_every`: touches between two visits to the first touch, 0 for none. `prove_on`: the later proof
-    sphere of the model, which must not be among those of the fit.
-    """
-
-    fit: Annotated[int, Field(ge=5)]
-    held_out: Annotated[int, Field(ge=0)]
-    spheres: str = ""
-    reference_every: Annotated[int, Field(ge=0)] = 0
-    prove_on: str = ""
-
-    @property
-    def names(self) -> list[str]:
-        """The spheres by name; empty for all."""
-        return _names(self.spheres)
-
-    @model_validator(mode="after")
-    def _can_be_proved(self) -> Self:
-        if self.prove_on.strip() and (not self.names or self.prove_on.strip() in self.names):
-            used = "all spheres" if not self.names else "it"
-            raise ValueError(f"sphere {self.prove_on} cannot prove a model that is made from {used}: name another one")
-        least = TOUCHES_PER_SPHERE * len(self.names)
-        if self.held_out and self.fit < least:
-            raise ValueError(f"{self.fit} touches are too few to judge a model by others, {least} at least")
-        return self
 
 
 class Plan(StepResult):
@@ -61,17 +26,12 @@ class Plan(StepResult):
     touches: list[TouchPlan]
 
 
-def _planned(known: Mapping[str, Any]) -> int:
-    touches, every = known.get("fit", 0) + known.get("held_out", 0), known.get("reference_every", 0)
-    return int(touches + (touches // every if every else 0))
-
-
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
     if "spheres" in known:
-        check_plan(context, known, _names(known["spheres"]))
+        check_plan(context, known, names_of(known["spheres"]))
 
 
-@step("sphere.plan", check=_check_plan, title="planning touches", expects=_planned)
+@step("sphere.plan", check=_check_plan)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
     touches = await context.clock.compute(
@@ -99,11 +59,7 @@ class Touched(StepResult):
     joints: Joints
 
 
-@step(
-    "sphere.touch",
-    needs={"robot": SearchingRobot, "probe": ContactProbe},
-    title="touching spheres",
-)
+@step("sphere.touch", needs={"robot": SearchingRobot, "probe": ContactProbe})
 async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
     """Go to a sphere, search along the planned line until contact, note the joints at its time, retreat."""
     robot: SearchingRobot = context.device("robot")
@@ -155,7 +111,7 @@ class IdentifyInputs(StepInputs):
     use_distances: bool = True
 
 
-@step("sphere.identify", verdict=SphereVerdict, title="identifying the robot")
+@step("sphere.identify", verdict=SphereVerdict)
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
     found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)

@@ -1,5 +1,12 @@
 """The taught tool by four points: the steps of the family `tool`."""
 
-from procedures.steps.tool._measuring import plan, read_pose, solve_poses, solve_touches, touch
+from cellctl.procedure import StepDescription
+from procedures.steps.tool.plan_inputs import PlanInputs, touches_planned
 
-__all__ = ["plan", "read_pose", "solve_poses", "solve_touches", "touch"]
+STEPS = (
+    StepDescription("tool.plan", "._measuring", "planning touches", PlanInputs, touches_planned),
+    StepDescription("tool.touch", "._measuring", "touching the sphere"),
+    StepDescription("tool.solve_touches", "._measuring", "solving for the tool"),
+    StepDescription("tool.read_pose", "._measuring", "reading the joints"),
+    StepDescription("tool.solve_poses", "._measuring", "solving for the tool"),
+)

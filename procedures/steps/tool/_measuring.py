@@ -19,6 +19,7 @@ from procedures.steps.tool._solving import (
     tool_of_poses,
     tool_of_touches,
 )
+from procedures.steps.tool.plan_inputs import PlanInputs
 from procedures.steps.tool.rows import ToolPoseRow, ToolTouchRow, ToolVerdict
 
 
@@ -28,24 +29,11 @@ class ToolPlan(StepResult):
     touches: list[ToolTouchPlan]
 
 
-class PlanInputs(StepInputs):
-    """The sphere, tool orientations of the fit and held-out ones, and touches with each of them."""
-
-    sphere: str
-    orientations: Annotated[int, Field(ge=4, le=30)] = 8
-    held_out: Annotated[int, Field(ge=2, le=30)] = 4
-    touches: Annotated[int, Field(ge=3, le=20)] = 4
-
-
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
     check_plan(context, known)
 
 
-def _planned(known: Mapping[str, Any]) -> int:
-    return int((known.get("orientations", 0) + known.get("held_out", 0)) * known.get("touches", 0))
-
-
-@step("tool.plan", check=_check_plan, title="planning touches", expects=_planned)
+@step("tool.plan", check=_check_plan)
 async def plan(context: StepContext, inputs: PlanInputs) -> ToolPlan:
     """Plan touches on one sphere with several tool orientations, by ways clear of all spheres."""
     touches = await context.clock.compute(
@@ -66,7 +54,7 @@ class TouchInputs(StepInputs):
     transfer_percent: Annotated[float, Field(gt=0, le=100)] = 20.0
 
 
-@step("tool.touch", needs={"robot": SearchingRobot, "probe": ContactProbe}, title="touching the sphere")
+@step("tool.touch", needs={"robot": SearchingRobot, "probe": ContactProbe})
 async def touch(context: StepContext, inputs: TouchInputs) -> None:
     """Go to the sphere, search along the planned line until contact, note the joints at its time, retreat."""
     robot: SearchingRobot = context.device("robot")
@@ -91,7 +79,7 @@ async def touch(context: StepContext, inputs: TouchInputs) -> None:
     await search_and_retreat(robot, context.device("probe"), planned, to_start, speeds, record)
 
 
-@step("tool.solve_touches", verdict=ToolVerdict, title="solving for the tool")
+@step("tool.solve_touches", verdict=ToolVerdict)
 async def solve_touches(context: StepContext, inputs: NoInputs) -> Solved:
     """Find tool and sphere centre from the touches, judge the tool on held-out orientations, write `tool.yaml`."""
     return await record_solution(context, await context.clock.compute(tool_of_touches, context))
@@ -109,7 +97,7 @@ class ReadPose(StepResult):
     joints: list[float]
 
 
-@step("tool.read_pose", needs={"robot": JointReader}, title="reading the joints")
+@step("tool.read_pose", needs={"robot": JointReader})
 async def read_pose(context: StepContext, inputs: PoseInputs) -> ReadPose:
     """Read the joints with the tip at the fixed point; nothing moves."""
     robot: JointReader = context.device("robot")
@@ -118,7 +106,7 @@ async def read_pose(context: StepContext, inputs: PoseInputs) -> ReadPose:
     return ReadPose(joints=list(joints))
 
 
-@step("tool.solve_poses", verdict=ToolVerdict, title="solving for the tool")
+@step("tool.solve_poses", verdict=ToolVerdict)
 async def solve_poses(context: StepContext, inputs: NoInputs) -> Solved:
     """Find tool and point from the poses, judge the tool on each pose by the others, write `tool.yaml`."""
     return await record_solution(context, await context.clock.compute(tool_of_poses, context))

@@ -1,48 +1,38 @@
 """Campaigns with an instrument that measures reflectors on the robot: the steps of the family `tracker`."""
 
-from procedures.steps.tracker._instrument import check_reflector, monuments, prepare, two_face
-from procedures.steps.tracker._locating import frames, locate, plan_turns
-from procedures.steps.tracker._proving import (
-    compensate,
-    correction_off,
-    correction_on,
-    identify,
-    judge,
-    judge_correction,
-    measure_corrected,
-    push,
-    read_model,
-    register,
-    withdraw,
+from cellctl.procedure import StepDescription
+from procedures.steps.tracker.plan_inputs import (
+    PlanInputs,
+    PlanTargetsInputs,
+    TurnInputs,
+    poses_planned,
+    targets_planned,
+    turns_planned,
 )
-from procedures.steps.tracker._warming import warm_up
-from procedures.steps.tracker.comparing import compare
-from procedures.steps.tracker.measuring import measure, measure_compensated
-from procedures.steps.tracker.posing import plan, plan_targets
 
-__all__ = [
-    "check_reflector",
-    "compare",
-    "compensate",
-    "correction_off",
-    "correction_on",
-    "frames",
-    "identify",
-    "judge",
-    "judge_correction",
-    "locate",
-    "measure",
-    "measure_compensated",
-    "measure_corrected",
-    "monuments",
-    "plan",
-    "plan_targets",
-    "plan_turns",
-    "prepare",
-    "push",
-    "read_model",
-    "register",
-    "two_face",
-    "warm_up",
-    "withdraw",
-]
+STEPS = (
+    StepDescription("tracker.prepare", "._instrument", "preparing the instrument"),
+    StepDescription("tracker.two_face", "._instrument", "two-face check"),
+    StepDescription("tracker.monuments", "._instrument", "visiting the monuments"),
+    StepDescription("tracker.check_reflector", "._instrument", "checking the reflector constant"),
+    StepDescription("tracker.warm_up", "._warming", "warming up"),
+    StepDescription("tracker.locate", "._locating", "locating the instrument"),
+    StepDescription("tracker.plan_turns", "._locating", "planning the circles", TurnInputs, turns_planned),
+    StepDescription("tracker.frames", "._locating", "finding the frames"),
+    StepDescription("tracker.plan", ".posing", "planning poses", PlanInputs, poses_planned),
+    StepDescription("tracker.plan_targets", ".posing", "planning the targets", PlanTargetsInputs, targets_planned),
+    StepDescription("tracker.measure", ".measuring", "measuring poses"),
+    StepDescription("tracker.measure_compensated", ".measuring", "measuring compensated targets"),
+    StepDescription("tracker.compare", ".comparing", "comparing models"),
+    StepDescription("tracker.identify", "._proving", "identifying the robot"),
+    StepDescription("tracker.read_model", "._proving", "reading the model"),
+    StepDescription("tracker.register", "._proving", "registering the model"),
+    StepDescription("tracker.compensate", "._proving", "compensating targets"),
+    StepDescription("tracker.push", "._proving", "pushing the table"),
+    StepDescription("tracker.judge", "._proving", "judging the table"),
+    StepDescription("tracker.withdraw", "._proving"),
+    StepDescription("tracker.correction_on", "._proving", "switching the on-line correction on"),
+    StepDescription("tracker.measure_corrected", "._proving", "measuring corrected targets"),
+    StepDescription("tracker.correction_off", "._proving", "switching the on-line correction off"),
+    StepDescription("tracker.judge_correction", "._proving", "judging the on-line correction"),
+)

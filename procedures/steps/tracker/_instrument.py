@@ -55,13 +55,7 @@ def _check_prepare(context: CellContext, known: Mapping[str, Any]) -> None:
     reflectors_of(context.cell)
 
 
-@step(
-    "tracker.prepare",
-    needs={"tracker": PointSource},
-    uses={"plc": CellReadings},
-    check=_check_prepare,
-    title="preparing the instrument",
-)
+@step("tracker.prepare", needs={"tracker": PointSource}, uses={"plc": CellReadings}, check=_check_prepare)
 async def prepare(context: StepContext, inputs: NoInputs) -> Prepared:
     """Set reflector and weather, check that the instrument is levelled, record load and temperatures.
 
@@ -115,7 +109,7 @@ class TwoFaces(StepResult):
     worst_mm: float
 
 
-@step("tracker.two_face", needs={"tracker": PointSource}, title="two-face check")
+@step("tracker.two_face", needs={"tracker": PointSource})
 async def two_face(context: StepContext, inputs: TwoFaceInputs) -> TwoFaces:
     """Measure the first two nests in both faces; refuse an instrument that is out of adjustment, or that changed."""
     tracker: PointSource = context.device("tracker")
@@ -173,7 +167,6 @@ _LEAST_NESTS = 3
     needs={"tracker": PointSource},
     uses={"plc": CellReadings},
     errors=(NotSettled, NestsDisagree),
-    title="visiting the monuments",
 )
 async def monuments(context: StepContext, inputs: MonumentsInputs) -> Visited:
     """Measure every nest; a station that moved since the last visit begins a new session, a moving one ends the run."""
@@ -196,7 +189,7 @@ async def monuments(context: StepContext, inputs: MonumentsInputs) -> Visited:
     return Visited(verdict=found.row.verdict, session=found.row.session)
 
 
-@step("tracker.check_reflector", title="checking the reflector constant")
+@step("tracker.check_reflector")
 async def check_reflector(context: StepContext, inputs: NoInputs) -> Constant:
     """Compare certified distances between nests with the measured ones; refuse a wrong reflector constant."""
     row = await context.clock.compute(constant_row, context)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from cellctl.calibration.problem.registration import rigid_fit
 from cellctl.formats.cell_sections import station_of
-from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
+from cellctl.procedure import CellContext, NoInputs, StepContext, StepResult, step
 from procedures.steps.tracker.circles import found_frames, planned_turns, return_pose
+from procedures.steps.tracker.plan_inputs import TurnInputs
 from procedures.steps.tracker.pose_plans import PosePlan
 from procedures.steps.tracker.rows import FramesRow, NestRow, StationRow
 from procedures.steps.tracker.station import session_now
@@ -23,7 +23,7 @@ class Located(StepResult):
     residual_mm: float
 
 
-@step("tracker.locate", title="locating the instrument")
+@step("tracker.locate")
 async def locate(context: StepContext, inputs: NoInputs) -> Located:
     """Carry the measured nests to their places in the cell file; so reflectors are aimed at more closely."""
     row, residual = await context.clock.compute(_located, context)
@@ -43,12 +43,6 @@ def _located(context: StepContext) -> tuple[StationRow, float]:
     return row, residual
 
 
-class TurnInputs(StepInputs):
-    """Points of each circle."""
-
-    points: Annotated[int, Field(ge=5, le=200)] = 9
-
-
 class Turns(StepResult):
     """The points of all circles, in order; the first one is the posture from which the axes are turned.
 
@@ -63,12 +57,7 @@ def _check_turns(context: CellContext, known: Mapping[str, Any]) -> None:
     planned_turns(context, known.get("points", 9))
 
 
-@step(
-    "tracker.plan_turns",
-    check=_check_turns,
-    title="planning the circles",
-    expects=lambda known: 1 + 4 * int(known.get("points", 0)),
-)
+@step("tracker.plan_turns", check=_check_turns)
 async def plan_turns(context: StepContext, inputs: TurnInputs) -> Turns:
     """Plan the circles of A1, A2, A5 and A6 about one posture, the reflector visible on each point."""
     poses = await context.clock.compute(planned_turns, context, inputs.points)
@@ -81,7 +70,7 @@ class Registered(StepResult):
     reflector: list[float]
 
 
-@step("tracker.frames", title="finding the frames")
+@step("tracker.frames")
 async def frames(context: StepContext, inputs: NoInputs) -> Registered:
     """Fit the circles, find the frames {B} and {T} with their σ, and where the instrument is."""
     row, station = await context.clock.compute(found_frames, context)

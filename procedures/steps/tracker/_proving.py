@@ -27,7 +27,8 @@ from procedures.steps.tracker._verdict import verdict_of
 from procedures.steps.tracker.identification import identify_poses, registered_model
 from procedures.steps.tracker.measuring import NEAR_SHARE, Measured, MeasureInputs, NotSettled, measure_pose
 from procedures.steps.tracker.model_files import check_model, correction_file, read_model_of
-from procedures.steps.tracker.pose_plans import DEFAULT_METHOD, Round, check_method
+from procedures.steps.tracker.plan_inputs import DEFAULT_METHOD
+from procedures.steps.tracker.pose_plans import Round, check_method
 from procedures.steps.tracker.rows import (
     CORRECTION_FILE,
     MODEL_FILE,
@@ -56,7 +57,7 @@ class IdentifyInputs(StepInputs):
         return model
 
 
-@step("tracker.identify", verdict=TrackerVerdict, title="identifying the robot")
+@step("tracker.identify", verdict=TrackerVerdict)
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the poses, state how good it was and is on the held-out ones, write data and model."""
     return await write_and_record(context, await context.clock.compute(identify_poses, context, inputs.model))
@@ -81,7 +82,7 @@ def _check_model(context: CellContext, known: Mapping[str, Any]) -> None:
     check_model(context, known, of_reflector=True)
 
 
-@step("tracker.read_model", check=_check_model, reads_files=True, title="reading the model")
+@step("tracker.read_model", check=_check_model, reads_files=True)
 async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel:
     """Read the model of an earlier run, if one is named; refuse that of another controller, robot or tool."""
     named = bool(inputs.run or inputs.file)
@@ -94,7 +95,7 @@ async def read_model(context: StepContext, inputs: ReadModelInputs) -> ReadModel
     return ReadModel(found=named)
 
 
-@step("tracker.register", verdict=TrackerVerdict, title="registering the model")
+@step("tracker.register", verdict=TrackerVerdict)
 async def register(context: StepContext, inputs: NoInputs) -> Judged:
     """Find the instrument in the frame of the model that was read, and judge that model on the held-out poses."""
     await context.write_artefact(MODEL_FILE, context.recorded(ReadModelRow)[-1].text)
@@ -121,7 +122,7 @@ class Compensation(StepResult):
     table: str | None
 
 
-@step("tracker.compensate", check=check_method, title="compensating targets")
+@step("tracker.compensate", check=check_method)
 async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensation:
     """Compensate the held-out poses and write their table into the run folder, if the model is better than nominal."""
     if not context.recorded(TrackerVerdict)[-1].better:
@@ -134,7 +135,7 @@ async def compensate(context: StepContext, inputs: CompensateInputs) -> Compensa
     return Compensation(rounds=found.rounds, table=found.row.table)
 
 
-@step("tracker.push", needs={"robot": TableStore}, title="pushing the table")
+@step("tracker.push", needs={"robot": TableStore})
 async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     """Push the run's table to the controller: refused where it does not fit, read back, in force at once.
 
@@ -144,7 +145,7 @@ async def push(context: StepContext, inputs: PushInputs) -> Pushed:
     return Pushed(active=await push_unless_judged(context, inputs.table, judged))
 
 
-@step("tracker.judge", needs={"robot": TableStore}, verdict=TrackerVerdict, title="judging the table")
+@step("tracker.judge", needs={"robot": TableStore}, verdict=TrackerVerdict)
 async def judge(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the robot was and is on the held-out targets; withdraw a table that is not better."""
     found, errors = await context.clock.compute(verdict_of, context)
@@ -173,12 +174,7 @@ class Correction(StepResult):
     id: str | None
 
 
-@step(
-    "tracker.correction_on",
-    needs={"robot": CorrectingRobot},
-    uses={"plc": CellReadings},
-    title="switching the on-line correction on",
-)
+@step("tracker.correction_on", needs={"robot": CorrectingRobot}, uses={"plc": CellReadings})
 async def correction_on(context: StepContext, inputs: CorrectInputs) -> Correction:
     """Write the correction model of the run's model, and correct the controller's motions by it from now on."""
     if inputs.table is None:
@@ -202,7 +198,6 @@ async def correction_on(context: StepContext, inputs: CorrectInputs) -> Correcti
     needs={"robot": CorrectingRobot, "tracker": PointSource},
     uses={"plc": CellReadings, "drives": CurrentSource},
     errors=(NotSettled,),
-    title="measuring corrected targets",
 )
 async def measure_corrected(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a target by its nominal joints and its approach, corrected on-line, and measure the reflector."""
@@ -220,11 +215,7 @@ async def measure_corrected(context: StepContext, inputs: MeasureInputs) -> Meas
     return found
 
 
-@step(
-    "tracker.correction_off",
-    needs={"robot": CorrectingRobot},
-    title="switching the on-line correction off",
-)
+@step("tracker.correction_off", needs={"robot": CorrectingRobot})
 async def correction_off(context: StepContext, inputs: NoInputs) -> None:
     """Let the correction fade to zero, switch RSI off, and record what it did."""
     robot: CorrectingRobot = context.device("robot")
@@ -235,7 +226,7 @@ async def correction_off(context: StepContext, inputs: NoInputs) -> None:
     context.say(row.sentence)
 
 
-@step("tracker.judge_correction", verdict=TrackerVerdict, title="judging the on-line correction")
+@step("tracker.judge_correction", verdict=TrackerVerdict)
 async def judge_correction(context: StepContext, inputs: NoInputs) -> Judged:
     """State how good the robot was and is on the held-out targets."""
     found, errors = await context.clock.compute(verdict_of, context, "Corrected on-line")

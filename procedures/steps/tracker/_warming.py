@@ -37,13 +37,7 @@ class Warm(StepResult):
     drift_mm: float
 
 
-@step(
-    "tracker.warm_up",
-    needs=NEEDS,
-    uses=USES,
-    errors=(NotSettled,),
-    title="warming up",
-)
+@step("tracker.warm_up", needs=NEEDS, uses=USES, errors=(NotSettled,))
 async def warm_up(context: StepContext, inputs: WarmUpInputs) -> Warm:
     """Move between home and the return pose, and measure there, until the return pose settles."""
     began = context.clock.now()

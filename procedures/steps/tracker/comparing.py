@@ -21,7 +21,7 @@ class CompareInputs(StepInputs):
     models: tuple[str, ...]
 
 
-@step("tracker.compare", title="comparing models")
+@step("tracker.compare")
 async def compare(context: StepContext, inputs: CompareInputs) -> None:
     """Fit other models to the same poses and judge them on the same held-out ones; the table is the campaign's own.
 

@@ -153,14 +153,7 @@ def _check_currents(context: CellContext, known: Mapping[str, Any]) -> None:
         raise InputError(context.cell.problem(("currents", "source"), what, "drives or robot"))
 
 
-@step(
-    "tracker.measure",
-    check=_check_currents,
-    needs=NEEDS,
-    uses=USES,
-    errors=(NotSettled, NestsDisagree),
-    title="measuring poses",
-)
+@step("tracker.measure", check=_check_currents, needs=NEEDS, uses=USES, errors=(NotSettled, NestsDisagree))
 async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a pose by its approach, take the motor currents, measure the reflector."""
     robot: MovingRobot = context.device("robot")
@@ -168,13 +161,7 @@ async def measure(context: StepContext, inputs: MeasureInputs) -> Measured:
     return await measure_pose(context, inputs, lambda: robot.move(tuple(inputs.pose.joints), near))
 
 
-@step(
-    "tracker.measure_compensated",
-    needs={**NEEDS, "robot": TableRobot},
-    uses=USES,
-    errors=(NotSettled,),
-    title="measuring compensated targets",
-)
+@step("tracker.measure_compensated", needs={**NEEDS, "robot": TableRobot}, uses=USES, errors=(NotSettled,))
 async def measure_compensated(context: StepContext, inputs: MeasureInputs) -> Measured:
     """Go to a row of the run's table by its approach, take the motor currents, measure the reflector."""
     robot: TableRobot = context.device("robot")

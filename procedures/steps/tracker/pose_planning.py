@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Protocol, Self, final
+from typing import Self, final
 
 import numpy as np
 
@@ -32,10 +32,11 @@ from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.planning import spheres_around
 from procedures.steps.tracker.circles import return_pose, rounded, turn_posture
+from procedures.steps.tracker.plan_inputs import PlanInputs, PlanTargetsInputs
 from procedures.steps.tracker.pose_plans import PosePlan, Round
 from procedures.steps.tracker.rows import LeftOut, TargetPlanRow
 from procedures.steps.tracker.station import rough_station
-from procedures.steps.tracker.target_table import Compensable, CompensationInputs, compensation_settings
+from procedures.steps.tracker.target_table import Compensable, compensation_settings
 
 _CURE = "plan the targets for this cell's station and reflector, or move the station"
 
@@ -93,35 +94,7 @@ _WIDEST_DEG = 180.0
 """No joint is turned farther from 0 than this: more turns show nothing new, and twist the cables."""
 
 
-class PosePlanInputs(Protocol):
-    """The procedure's settings."""
-
-    @property
-    def fit(self) -> int:
-        """Poses to identify from."""
-
-    @property
-    def held_out(self) -> int:
-        """Poses that judge."""
-
-    @property
-    def monuments_every(self) -> int:
-        """Poses between two visits to the monuments."""
-
-    @property
-    def from_both(self) -> float:
-        """Share of the fit's poses measured from both sides."""
-
-    @property
-    def reflectors(self) -> int:
-        """How many reflectors of the plate must be visible."""
-
-    @property
-    def pose_file(self) -> str:
-        """File of the poses, from the cell file's folder; empty: they are planned."""
-
-
-def planned_rounds(context: CellContext, inputs: PosePlanInputs, station: Floats | None) -> list[Round]:
+def planned_rounds(context: CellContext, inputs: PlanInputs, station: Floats | None) -> list[Round]:
     """The poses in rounds of `monuments_every`; station (4, 4): the instrument in the base frame, None: the cell
     file's. Raises InputError if too few poses can be measured.
     """
@@ -173,7 +146,7 @@ def pose_seed(context: CellContext) -> int:
 
 
 def _poses(
-    context: CellContext, robot: RobotFile, inputs: PosePlanInputs, station: Floats | None, home: Floats
+    context: CellContext, robot: RobotFile, inputs: PlanInputs, station: Floats | None, home: Floats
 ) -> MeasuringPoses:
     reach, sight, options = pose_limits(context, inputs.reflectors, station)
     counts = Counts(inputs.fit, inputs.held_out, inputs.held_out // 2, inputs.from_both)
@@ -230,34 +203,6 @@ _INSIDE_DEG = 1.0
 """Planned targets keep this distance from the end of the measured region: their compensated joints are inside, too."""
 
 
-class TargetPlanInputs(CompensationInputs, Protocol):
-    """The procedure's settings."""
-
-    @property
-    def fit(self) -> int:
-        """Poses from which a model is identified, if none was read."""
-
-    @property
-    def registration(self) -> int:
-        """Poses from which a model that was read is registered."""
-
-    @property
-    def targets(self) -> int:
-        """Targets, at most."""
-
-    @property
-    def target_file(self) -> str:
-        """File of the targets, from the cell file's folder; empty: they are planned."""
-
-    @property
-    def monuments_every(self) -> int:
-        """Poses between two visits to the monuments."""
-
-    @property
-    def from_both(self) -> float:
-        """Share of the poses of an identification that are measured from both sides."""
-
-
 @final
 @dataclass(frozen=True, slots=True)
 class TargetPlan:
@@ -288,7 +233,7 @@ class _Candidates:
         return self.readings[usable], tuple(left_out)
 
 
-def planned_targets(context: CellContext, inputs: TargetPlanInputs, model: ModelFile | None) -> TargetPlan:
+def planned_targets(context: CellContext, inputs: PlanTargetsInputs, model: ModelFile | None) -> TargetPlan:
     """The poses of the fit and the targets, half of the targets between these poses, half after them.
 
     model: the one that was read; targets that it cannot compensate are left out, and its poses are inside its measured
@@ -316,7 +261,7 @@ def planned_targets(context: CellContext, inputs: TargetPlanInputs, model: Model
 @dataclass(frozen=True, eq=False)
 class _Planner:
     context: CellContext
-    inputs: TargetPlanInputs
+    inputs: PlanTargetsInputs
     robot: RobotFile
     arm: MeasuringArm
     reach: Reach

@@ -11,8 +11,7 @@ from cellctl.compensation import METHODS
 from cellctl.files import InputError, Problem
 from cellctl.procedure import CellContext, StepResult
 from cellctl.procedure.fields import did_you_mean
-
-DEFAULT_METHOD = "pseudo-target"
+from procedures.steps.tracker.plan_inputs import DEFAULT_METHOD
 
 
 def check_method(context: CellContext, known: Mapping[str, Any]) -> None:

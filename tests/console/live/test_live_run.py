@@ -72,7 +72,7 @@ def test_a_run_is_shown_with_state_progress_and_current_step_after_each_event(tm
     run.paused_by("maria")
     assert shown(live).version > version
     assert (live.snapshot.status.state, live.snapshot.status.held_by) == ("paused", "by the operator")
-    assert live.snapshot.status == status_of(run.folder, registry())
+    assert live.snapshot.status == status_of(run.folder, registry())[0]
 
 
 def test_an_unchanged_run_keeps_its_snapshot(tmp_path: Path) -> None:

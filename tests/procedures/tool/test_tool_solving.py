@@ -13,8 +13,7 @@ from cellctl.files import InputError, load_yaml
 from cellctl.formats import RobotFile, artefact_of
 from cellctl.kinematics import inverse
 from cellctl.procedure import NoInputs
-from procedures.steps.tool import read_pose, solve_poses, solve_touches
-from procedures.steps.tool._measuring import PoseInputs
+from procedures.steps.tool._measuring import PoseInputs, read_pose, solve_poses, solve_touches
 from procedures.steps.tool._solving import planned_touches
 from procedures.steps.tool.rows import ToolErrorsRow, ToolTouchRow, ToolVerdict
 from tests.helpers.runs import CELL, ROOT
