@@ -37,6 +37,7 @@ from cellctl.operations.program_compensation import (
     ProgramOptions,
     compensate_files,
     is_new_folder,
+    is_program,
     refuse_method,
 )
 from cellctl.operations.program_paths import Path as ProgramPath
@@ -103,7 +104,7 @@ def compensate(
     Example: cellctl compensate runs/sphere_selfcal-20261121T192433Z/model.json targets.csv -o table.json
     """
     options = ProgramOptions(config, tool, base, path_tolerance, insert, arm_only)
-    if targets.suffix.lower() in (".src", ".sub", ".dat"):
+    if is_program(targets):
         _refuse_for_program(passes, serial)
         compensate_program(model, targets, method, out, cell, json_, options)
         return

@@ -82,7 +82,7 @@ def _in_session(
 
 def _of_a_session(prior: ModelFile, measured: Measurements, groups: frozenset[str] | None) -> bool:
     """Whether base or tool of one of several sessions would be reused: not where they are found anew."""
-    instrument = bool({"position", "pose"} & set(measured.kinds))
+    instrument = any(block.of_instrument for block in measured.task.rows.blocks)
     own = {group for session in prior.sessions[1:] for group in session.own}
     if groups is None:  # an update finds both anew where an instrument measured
         return bool(own - {"base"}) and not instrument

@@ -14,11 +14,9 @@ from cellctl.formats.table_making import row_figures
 from cellctl.formats.targets import read_targets
 from cellctl.operations.analyses import MODEL, inside, write_json
 from cellctl.operations.compensating import compensate_targets
-from cellctl.operations.program_compensation import ProgramFiles, ProgramOptions, compensate_files
+from cellctl.operations.program_compensation import ProgramFiles, ProgramOptions, compensate_files, is_program
 from cellctl.operations.results import as_json
 from cellctl.pendant_import import choices, imported_targets
-
-_KRL = (".src", ".dat", ".sub")
 
 
 @final
@@ -60,10 +58,7 @@ def compensate_analysis(
     with inside(folder / "programs" / number / "given"):
         out = Path("..")
         config, main = _parts(request)
-        if main.suffix.lower() in _KRL:
-            found = _program(model, main, config, request, out)
-        else:
-            found = _targets(model, main, request, out)
+        found = _program(model, main, config, request, out) if is_program(main) else _targets(model, main, request, out)
         result = {"id": number, "name": main.name, **found}
         write_json(out / "result.json", result)
     return result

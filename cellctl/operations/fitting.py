@@ -227,7 +227,7 @@ def measured_rows(given: FitInput, asked: Asked) -> Measurements:
     measured = measurements(
         given.robot,
         given.data,
-        measure=asked.measure,  # type: ignore[arg-type]  # `Asked.refuse` has looked at it
+        measure=asked.measure,
         model=asked.model,
         artefact=given.artefact,
         use_distances=asked.distances,

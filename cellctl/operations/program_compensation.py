@@ -74,6 +74,11 @@ class ProgramFiles:
         return paths if self.dat else {"src": paths["src"]}
 
 
+def is_program(path: Path) -> bool:
+    """Whether the suffix is that of a robot program whose points can be compensated, or of its data list."""
+    return path.suffix.lower() in (".src", ".sub", ".dat")
+
+
 def is_new_folder(out: Path) -> bool:
     """Whether `out` names a folder that is not there yet, in one that is."""
     return not out.suffix and not out.exists() and out.parent.is_dir()

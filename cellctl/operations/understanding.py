@@ -14,8 +14,8 @@ from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.formats.dataset import DataSet, Sieve, joints_of, text_of
-from cellctl.formats.measurements.kinds import KINDS, NOUNS, PLACE, Kind, has_own_sigma, kinds_of
-from cellctl.formats.measurements.repeats import POINT_COLUMNS
+from cellctl.formats.measurements.columns import PLACE, has_own_sigma
+from cellctl.formats.measurements.kinds import KINDS, Kind, kinds_of
 from cellctl.operations.fit_options import Asked
 from cellctl.operations.fitting import NO_CHECK, FitInput, measured_rows, robot_of
 from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
@@ -186,7 +186,7 @@ def _is_data_set(file: Path) -> bool:
         data = DataSet.load(file)
     except InputError:
         return False
-    measured = any(data.has(*names) for names in (PLACE, *((column,) for column in POINT_COLUMNS.values())))
+    measured = any(data.has(*((kind.point,) if kind.point else kind.columns)) for kind in KINDS.values())
     return bool(joints_of(data)[0]) and measured
 
 
@@ -201,12 +201,13 @@ def _lacking(data: DataSet, joints: int, kinds: Sequence[Kind]) -> Iterator[Prob
 
 def _by_kind(kinds: Sequence[Kind]) -> dict[str, int]:
     counts = Counter(kinds)
-    return {NOUNS[kind]: counts[kind] for kind in KINDS if counts[kind]}
+    return {kind.many: counts[name] for name, kind in KINDS.items() if counts[name]}
 
 
 def _points(data: DataSet) -> dict[str, list[str]]:
     """Names of spheres, planes, sockets and anchors, by their noun."""
-    named = {f"{column}s": sorted(set(filter(None, data.texts(column)))) for column in POINT_COLUMNS.values()}
+    columns = [kind.point for kind in KINDS.values() if kind.point]
+    named = {f"{column}s": sorted(set(filter(None, data.texts(column)))) for column in columns}
     return {noun: names for noun, names in named.items() if names}
 
 

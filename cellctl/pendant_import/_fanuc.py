@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
-from cellctl.pendant_import._points import Point, RawList, Taught, unified
+from cellctl.pendant_import._language import Language, Targets, postures_of, targets_of
+from cellctl.pendant_import._points import Point, RawList, Source, Taught, unified
 from cellctl.pendant_import.choices import Choices
 from cellctl.robot_file import RobotFile
 
@@ -106,13 +107,13 @@ def between_the_arms(
     not. Raises InputError where the list is a FANUC's, or the robot file states this, and it is not certain what J3 is.
     """
     stated = bool(robot and robot.source and robot.source.controller_j3 == "horizontal")
-    shown = choices.j3 == "horizontal" or (choices.j3 is None and stated and raw.source == "fanuc")
+    shown = choices.j3 == "horizontal" or (choices.j3 is None and stated and raw.source.j3_from_horizontal)
     if shown:
         how = "--j3" if choices.j3 else "the robot file"
         return [_added(point) for point in points], f"J3 counted from the horizontal, as {how} says: J2 added to it"
     if choices.j3 == "arm":
         return list(points), "J3 is the angle between the arms, as --j3 says"
-    if raw.source == "fanuc":
+    if raw.source.j3_from_horizontal:
         what = (
             "its J3 counts from the horizontal, as FANUC's controllers show it; no robot file says what a model needs"
         )
@@ -130,3 +131,22 @@ def _added(point: Point) -> Point:
         return point
     total = float(point.values[f"{letter}3"]) + float(point.values[f"{letter}2"])
     return replace(point, values={**point.values, f"{letter}3": round(total, 9)})
+
+
+_SOURCE = Source("fanuc", decimal_point=True, j3_from_horizontal=True)
+
+
+def _postures(text: str, file: str, joints: int | None) -> RawList | None:
+    if not is_fanuc(text):
+        return None
+    return postures_of(file, _SOURCE, *fanuc_points(text))
+
+
+def _targets(text: str, file: str) -> Targets | None:
+    if not is_fanuc(text):
+        return None
+    points, decided = fanuc_points(text)
+    return Targets(targets_of(file, _SOURCE, points, [*decided, "W, P, R as C, B, A"]), "abc")
+
+
+FANUC = Language(postures=_postures, targets=_targets)

@@ -10,8 +10,9 @@ from typing import Any, final
 from cellctl.files import InputError, Problem
 from cellctl.pendant_import._instrument import of_group, with_times
 from cellctl.pendant_import._joint_list import joint_points, joint_texts
+from cellctl.pendant_import._language import Targets
 from cellctl.pendant_import._pairing import LeftOut, Pairing, paired
-from cellctl.pendant_import._points import Point, PointList, RawList, in_mm, read_text, read_values
+from cellctl.pendant_import._points import TABLE, Point, PointList, RawList, in_mm, read_text, read_values
 from cellctl.pendant_import._positions import (
     COLUMNS,
     XYZ,
@@ -21,7 +22,7 @@ from cellctl.pendant_import._positions import (
     position_points,
     position_texts,
 )
-from cellctl.pendant_import._programs import Targets, program_targets
+from cellctl.pendant_import._programs import program_targets
 from cellctl.pendant_import.choices import Choices
 from cellctl.robot_file import RobotFile
 
@@ -86,7 +87,7 @@ def _both(joints: Path, positions: Path, choices: Choices, robot: RobotFile | No
 
 def _check_columns(choices: Choices, *lists: RawList) -> None:
     """Refuse a column that the user named and that no file has; only a table with headings can have it."""
-    headed = [each for each in lists if each.source == "table" and each.heading_line]
+    headed = [each for each in lists if each.source is TABLE and each.heading_line]
     known = {name for each in headed for point in each.points for name in point.texts}
     known |= {"name" for each in headed for point in each.points if point.name}
     lacking = {name: source for name, source in choices.columns.items() if name not in known}

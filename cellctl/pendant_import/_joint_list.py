@@ -10,7 +10,7 @@ from dataclasses import replace
 from cellctl.files import InputError, Problem
 from cellctl.formats.dataset import BEYOND_LIMITS_DEG
 from cellctl.pendant_import._fanuc import between_the_arms
-from cellctl.pendant_import._points import Point, PointList, RawList, Value, read_values
+from cellctl.pendant_import._points import TABLE, Point, PointList, RawList, Value, read_values
 from cellctl.pendant_import._programs import program_postures
 from cellctl.pendant_import._typed_table import Cells, cells_of, headed, lacking, optional_columns, raw_points, unheaded
 from cellctl.pendant_import.choices import AngleUnit, Choices
@@ -104,7 +104,7 @@ def _unit(raw: RawList, read: PointList, names: Sequence[str], choices: Choices)
         how = "--angles" if choices.angles else "the file"
         small = unit == "deg" and not any(_reach(point, names) > 2.0 * math.pi for point in usable)
         doubt = "; no reading is beyond 6.28: are they not radians?" if small and usable else ""
-        return unit, f"joints in {_word(unit)}, as {how} says{doubt}" if raw.source == "table" or doubt else ""
+        return unit, f"joints in {_word(unit)}, as {how} says{doubt}" if raw.source is TABLE or doubt else ""
     largest = max((_reach(point, names) for point in usable), default=0.0)
     mostly = len(beyond) * 2 >= len(usable) and bool(usable)
     if names[0][0] in "AJ" and mostly:

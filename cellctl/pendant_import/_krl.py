@@ -19,7 +19,10 @@ from cellctl.krl import (
     points_of,
     statements,
 )
-from cellctl.pendant_import._points import Raw, RawList, Taught, lines_of
+from cellctl.pendant_import._language import Language, Targets, targets_of
+from cellctl.pendant_import._points import Raw, RawList, Source, Taught, lines_of
+
+_SOURCE = Source("krl", decimal_point=True, x_before_names=True)
 
 _KRL = re.compile(r"\{[^{}\n]*\b[AE]\d\s|\bE6AXIS\b|\bE6POS\b|\bDEFDAT\b", re.IGNORECASE)
 _NUMBER = r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?"
@@ -57,7 +60,7 @@ def krl_points(text: str, file: str) -> RawList:
         elif isinstance(statement, Unknown) and _POINT_BEGINS.search(text[statement.span.start : statement.span.end]):
             found.append((statement.span, _not_understood(statement, text)))
     points = [_actual(raw) for _, raw in sorted(found, key=lambda item: item[0])]
-    return RawList(file, "krl", tuple(points), dict.fromkeys(_axes(points), "deg"), ("KRL, degrees, decimal point",))
+    return RawList(file, _SOURCE, tuple(points), dict.fromkeys(_axes(points), "deg"), ("KRL, degrees, decimal point",))
 
 
 def _raw(point: Point, text: str) -> Raw:
@@ -111,7 +114,9 @@ def axis_listing(text: str, file: str) -> RawList:
             start, gathered = (line if not gathered else start), {**gathered, **labelled}
         elif written.strip():
             name = _name(written)
-    return RawList(file, "listing", tuple(points), dict.fromkeys(_axes(points), "deg"), ("listing of axes, degrees",))
+    return RawList(
+        file, Source("listing"), tuple(points), dict.fromkeys(_axes(points), "deg"), ("listing of axes, degrees",)
+    )
 
 
 def _labelled(line: str) -> dict[str, str]:
@@ -175,3 +180,27 @@ def _point(point: Point, base: int | None) -> Taught:
         return Taught(point.line, point.name, point.type, fault=fault)
     pose = {label: texts[label] for label in CARTESIAN} | ({} if base is None else {"frame": f"BASE {base}"})
     return Taught(point.line, point.name, point.type, pose=pose)
+
+
+def _postures(text: str, file: str, joints: int | None) -> RawList | None:
+    return krl_points(text, file) if is_krl(text) else None
+
+
+def _targets(text: str, file: str) -> Targets | None:
+    if not is_krl(text) and not is_krl_program(text):
+        return None
+    return Targets(targets_of(file, _SOURCE, krl_targets(text), ["KRL, mm and degrees, decimal point"]), "abc")
+
+
+KRL = Language(postures=_postures, targets=_targets)
+
+
+def _listed(text: str, file: str, joints: int | None) -> RawList | None:
+    return axis_listing(text, file) if is_axis_listing(text) else None
+
+
+def _no_targets(text: str, file: str) -> None:
+    """A listing has joints only."""
+
+
+AXIS_LISTING = Language(postures=_listed, targets=_no_targets)

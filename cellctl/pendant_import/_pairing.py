@@ -61,10 +61,10 @@ def common_key(joints: PointList, positions: PointList) -> tuple[Key, str]:
 
     Raises InputError where no name of one list is in the other.
     """
-    krl = joints.source == "krl"
+    x_before_names = joints.source.x_before_names
 
     def plain(name: str) -> str:
-        return plain_name(name, krl=krl)
+        return plain_name(name, x_before_names=x_before_names)
 
     names = [{plain(point.name) for point in points.points if point.name} for points in (joints, positions)]
     if names[0] & names[1]:
@@ -80,17 +80,17 @@ def common_key(joints: PointList, positions: PointList) -> tuple[Key, str]:
     raise InputError(Problem(joints.file, 0, 0, what, cure))
 
 
-def plain_name(name: str, *, krl: bool) -> str:
-    """A name without case, spaces, leading zeros and brackets; krl: without the X that a KRC adds in front."""
+def plain_name(name: str, *, x_before_names: bool) -> str:
+    """A name without case, spaces, leading zeros and brackets; x_before_names: without the X in front."""
     text = re.sub(r"\s+", " ", unicodedata.normalize("NFKC", name).casefold().strip())
     text = re.sub(r"(?<=[^\W\d])[\s_.\-\[{]+(?=\d)", "", text).rstrip("]}")
     text = re.sub(r"(?<!\d)(?<!\d[.,])0+(?=\d)", "", text)
-    return re.sub(r"^x(?=[^\W\d])", "", text) if krl else text
+    return re.sub(r"^x(?=[^\W\d])", "", text) if x_before_names else text
 
 
 def are_numbers(points: PointList) -> bool:
     """Whether all given names are numbers."""
-    return all(not point.name or plain_name(point.name, krl=False).isdecimal() for point in points.points)
+    return all(not point.name or plain_name(point.name, x_before_names=False).isdecimal() for point in points.points)
 
 
 _Groups = dict[str, list[Point]]
@@ -272,9 +272,9 @@ def _gaps(points: PointList) -> list[Problem]:
     """Gaps in the numbers, which count the rows from 1 (or 0)."""
     if not are_numbers(points):
         return []
-    expected = 0 if plain_name(points.points[0].name, krl=False) == "0" else 1
+    expected = 0 if plain_name(points.points[0].name, x_before_names=False) == "0" else 1
     for point in points.points:
-        if not point.name or int(plain_name(point.name, krl=False)) != expected:
+        if not point.name or int(plain_name(point.name, x_before_names=False)) != expected:
             what = f"number {point.name or 'missing'}, where {expected} is next"
             return [Problem(points.file, point.line, 0, what)]
         expected += 1

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
-from typing import Literal, TypeAlias, final
+from typing import TypeAlias, final
 
 from cellctl.files import InputError, Problem
 from cellctl.files.kinds import EXPORT, OWN, kind_of, read_bytes, refuse_other_kind
@@ -36,8 +36,20 @@ def unified(text: str) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-Source: TypeAlias = Literal["krl", "rapid", "fanuc", "listing", "lists", "table"]
-"""The kind of text of a list. Programs and lists of numbers have decimal points and a unit by definition."""
+@final
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The kind of text of a list, and what it defines. decimal_point: its numbers have one. x_before_names: its points
+    have an X before their names (`XP1` is P1). j3_from_horizontal: J3 counts from the horizontal.
+    """
+
+    name: str
+    decimal_point: bool = False
+    x_before_names: bool = False
+    j3_from_horizontal: bool = False
+
+
+TABLE = Source("table")
 
 Value: TypeAlias = float | str
 """A cell: a number, or text in a column that is not numeric."""
@@ -155,7 +167,7 @@ def in_mm(value: Value, unit: str) -> Value:
 
 
 def _sign(raw: RawList, numeric: Sequence[str], given: DecimalSign | None) -> tuple[DecimalSign, str]:
-    if raw.source in ("krl", "rapid", "fanuc", "lists"):
+    if raw.source.decimal_point:
         return "point", ""
     cells = ((point.line, point.texts.get(column, "")) for point in raw.points for column in numeric)
     return decimal_sign(raw.file, cells, given)

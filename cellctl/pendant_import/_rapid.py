@@ -10,7 +10,8 @@ import re
 from collections.abc import Iterator
 from typing import TypeAlias
 
-from cellctl.pendant_import._points import Taught, unified
+from cellctl.pendant_import._language import Language, Targets, postures_of, targets_of
+from cellctl.pendant_import._points import RawList, Source, Taught, unified
 
 _Tree: TypeAlias = "str | list[_Tree]"
 
@@ -147,3 +148,22 @@ def _point(tree: _Tree, kind: str, name: str, line: int, frame: str) -> Taught:
         return Taught(line, name, kind, fault=f"robtarget of moves in several work objects: {frame}")
     pose = dict(zip(("X", "Y", "Z", "QW", "QX", "QY", "QZ"), [*parts[0], *parts[1]], strict=True))
     return Taught(line, name, kind, pose=pose | ({"frame": frame} if frame else {}))
+
+
+_SOURCE = Source("rapid", decimal_point=True)
+
+
+def _postures(text: str, file: str, joints: int | None) -> RawList | None:
+    if not is_rapid(text):
+        return None
+    return postures_of(file, _SOURCE, rapid_points(text), ["RAPID, degrees, decimal point"])
+
+
+def _targets(text: str, file: str) -> Targets | None:
+    if not is_rapid(text):
+        return None
+    words = ["RAPID, mm and quaternions, decimal point"]
+    return Targets(targets_of(file, _SOURCE, rapid_points(text), words), "quaternion")
+
+
+RAPID = Language(postures=_postures, targets=_targets)

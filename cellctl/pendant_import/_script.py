@@ -7,9 +7,12 @@ m and an axis-angle vector in rad.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from math import radians
 
-from cellctl.pendant_import._points import Taught, unified
+from cellctl.pendant_import._language import Language, Targets, postures_of, targets_of
+from cellctl.pendant_import._points import RawList, Source, Taught, unified
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _ITEM = rf"\s*(?:d2r\(\s*{_NUMBER}\s*\)|{_NUMBER})\s*"
@@ -61,5 +64,37 @@ def _radians(item: str) -> str:
     degrees = re.fullmatch(r"\s*d2r\(\s*(\S+?)\s*\)\s*", item)
     if degrees is None:
         return item.strip()
-
     return repr(radians(float(degrees[1])))
+
+
+_SOURCE = Source("lists", decimal_point=True)
+
+
+def _postures(text: str, file: str, joints: int | None) -> RawList | None:
+    if not is_number_lists(text):
+        return None
+    words = ["lists of numbers, radians, decimal point"]
+    return postures_of(file, _SOURCE, script_points(text, joints), words, "rad")
+
+
+def _targets(text: str, file: str) -> Targets | None:
+    if not is_number_lists(text):
+        return None
+    points = script_points(text, None)
+    words = ["poses p[…], m and rotation vectors in rad, decimal point"]
+    return _with_postures(Targets(targets_of(file, _SOURCE, points, words), "rotation-vector", "m"), points)
+
+
+def _with_postures(targets: Targets, points: Sequence[Taught]) -> Targets:
+    """The targets with the joints of the waypoints of the same names, if all have them: `Waypoint_1_p`, `…_q`."""
+    joints = {point.name: point.joints for point in points if point.name and point.joints}
+    good = [point for point in targets.raw.points if not point.fault]
+    columns = {tuple(joints.get(point.name, ())) for point in good}
+    if len(columns) != 1 or not (found := columns.pop()):
+        return targets
+    taught = tuple(replace(point, texts={**point.texts, **joints.get(point.name, {})}) for point in targets.raw.points)
+    decided = (*targets.raw.decided, "with the joints of the same waypoints as postures")
+    return replace(targets, raw=replace(targets.raw, points=taught, decided=decided), postures=found)
+
+
+NUMBER_LISTS = Language(postures=_postures, targets=_targets)

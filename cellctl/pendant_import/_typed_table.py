@@ -11,7 +11,7 @@ from typing import final
 
 from cellctl.files import InputError, Problem
 from cellctl.formats.spreadsheet_text import is_number, stated_separator
-from cellctl.pendant_import._points import Raw, RawList, lines_of
+from cellctl.pendant_import._points import TABLE, Raw, RawList, lines_of
 
 _SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
 _COMMENT = re.compile(r"^\s*//.*$|\s(?:#|//)\s.*$")
@@ -353,7 +353,7 @@ def raw_points(table: Cells, head: Headed, taken: Sequence[str]) -> RawList:
     """The rows as points with the texts of the columns `taken`; a row with too few or too many cells has a fault."""
     points = tuple(_raw(row, head, taken) for row in head.rows)
     decided = (f"columns separated by {table.separated}", *head.decided)
-    return RawList(table.file, "table", points, head.units, decided, head.line)
+    return RawList(table.file, TABLE, points, head.units, decided, head.line)
 
 
 def _raw(row: Row, head: Headed, taken: Sequence[str]) -> Raw:

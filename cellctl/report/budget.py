@@ -10,15 +10,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, Self, final
 
+from cellctl.formats.measurements import KINDS
 from cellctl.report._run import Run
 
 NOT_STATED = "not stated"
 
 _COVERAGE = {1: 1.96, 3: 1.61}
 """95 % of normal errors along a line are within 1.96 σ; of isotropic ones in space, within 1.61 times their 3-D RMS."""
-
-_NUMBERS = {"position": 3, "pose": 6, "socket": 3, "sphere": 1, "plane": 1, "distance": 1}
-"""Measured numbers of a row, by what it measures."""
 
 
 @final
@@ -89,9 +87,14 @@ class Budget:
         return [each.what for each in self.contributions if not each.stated]
 
 
+def _numbers_of(measure: str) -> int:
+    """Measured numbers of a row, by what it measures; several kinds count as points."""
+    return KINDS[measure].numbers if measure in KINDS else 3
+
+
 def dimensions_of(measure: str) -> int:
     """1 for measurements along a line, 3 for points."""
-    return 1 if _NUMBERS.get(measure, 3) == 1 else 3
+    return 1 if _numbers_of(measure) == 1 else 3
 
 
 def scatter_of_fit(measure: str, rms_mm: float, rows: int, rank: int) -> tuple[float, int] | None:
@@ -99,7 +102,7 @@ def scatter_of_fit(measure: str, rms_mm: float, rows: int, rank: int) -> tuple[f
 
     s = rms · √(N / (N − rank)) of N measured numbers. None where there are no more numbers than observable parameters.
     """
-    numbers = rows * _NUMBERS.get(measure, 3)
+    numbers = rows * _numbers_of(measure)
     free = numbers - rank
     return (rms_mm * math.sqrt(numbers / free), free) if free > 0 else None
 

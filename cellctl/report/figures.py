@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from cellctl.formats.measurements.kinds import NOUNS
+from cellctl.formats.measurements.kinds import noun_of
 
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
@@ -142,7 +142,7 @@ def error_line(
 
 def fit_lines(figures: Mapping[str, Any]) -> list[Line]:
     """The lines of a fit, from its JSON: held-out rows, nominal robot (for an updated prior model), rows of the fit."""
-    rows = NOUNS.get(figures.get("measure", ""), "rows")
+    rows = noun_of(figures.get("measure", ""))
     count, lines = int(figures.get("n_test") or 0), []
     baseline = figures.get("prior") or figures.get("nominal_with_tool")
     if count:

@@ -17,7 +17,6 @@ import numpy as np
 
 from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.calibration.problem.task import Task
-from cellctl.calibration.rows import PlaneRows, PoseRows, PositionRows, TouchRows
 from cellctl.kinematics import Floats, JointMap
 from cellctl.setup_check._mixed_units import mixed_units
 from cellctl.setup_check._row_order import count_outliers, out_of_step, put_in_step
@@ -163,7 +162,7 @@ def _stages(setup: Setup, nominal: Misfit) -> tuple[Stage, ...]:
     if nominal.suspicious:
         return (_of_orientations,)
     # touched from one side, another sphere size has nearly the same effect as another place
-    return (other_spheres,) if nominal.mm > LEAST_MM and TouchRows in setup.task.rows.kinds else ()
+    return (other_spheres,) if nominal.mm > LEAST_MM and setup.task.rows.has_distances else ()
 
 
 def _of_orientations(sample: Setup) -> Iterator[Hypothesis]:
@@ -229,7 +228,7 @@ def _misplaced(sample: Setup, nominal: Misfit) -> Iterator[SetupError]:
     not the sphere's rough place. RMS of the distances from the rough places.
     """
     rough = sample.task.rough
-    if rough is None or not np.all(np.isfinite(rough)) or sample.task.rows.kinds & {PositionRows, PoseRows}:
+    if rough is None or not np.all(np.isfinite(rough)) or sample.task.rows.has_positions:
         return
     before = rms(np.linalg.norm(nominal.state.points - rough, axis=1))
     for hypothesis in other_unit(sample) if before > MISPLACED_MM else ():
@@ -274,7 +273,7 @@ def _flat(hypothesis: Hypothesis) -> bool:
     planes, and would explain all rows.
     """
     task = hypothesis.setup.task
-    if task.rows.kinds != {PlaneRows}:
+    if not all(kind.of_planes for kind in task.rows.kinds):
         return False
     tcps = np.concatenate([task.model.tcp(block.postures) for block in task.rows.blocks])
     extents = np.linalg.svd(tcps - tcps.mean(axis=0), compute_uv=False)

@@ -13,7 +13,6 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.rows import PoseRows, PositionRows
 from cellctl.kinematics import Bools, Floats
 from cellctl.setup_check._units_and_conventions import RADIANS_UP_TO, UNITS
 from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
@@ -106,7 +105,7 @@ def _enough(found: Bools, unit: _Unit) -> bool:
 
 
 def _units(setup: Setup) -> Iterator[_Unit]:
-    if setup.task.rows.kinds & {PositionRows, PoseRows}:
+    if setup.task.rows.has_positions:
         for name, factor in UNITS.items():
             for axes in ([0, 1, 2], [0], [1], [2]):
                 columns = tuple("XYZ"[axis] for axis in axes)

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
+from cellctl.calibration.rows import Measured, SpacingRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.solver.estimate import Estimate, estimate
 from cellctl.kinematics import Bools, Floats
@@ -73,8 +73,8 @@ def _touched(state: State, rows: RowBlocks, point: int) -> tuple[Floats, Floats]
     """TCPs (N, 3) at the touches of a point, and their distances (N,) from it."""
     tcps, lengths = [np.zeros((0, 3))], [np.zeros(0)]
     for block in rows.blocks:
-        if isinstance(block, TouchRows):
-            mine = block.point == point
+        if block.distances is not None:
+            mine = block.visited == point
             tcps.append(state.models[block.session].tcp(block.postures)[mine])
             lengths.append(block.lengths(state)[mine])
     return np.concatenate(tcps), np.concatenate(lengths)

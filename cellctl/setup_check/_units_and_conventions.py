@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cellctl.calibration.rows import Measured, PoseRows, PositionRows, TouchRows
+from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Floats, SerialChain, TableConvention, abc_from_rotation
 from cellctl.kinematics.geometry import LinkTable
 from cellctl.setup_check.hypothesis import Change, Hypothesis, Setup
@@ -86,7 +86,7 @@ def _with_table(setup: Setup, table: LinkTable) -> Setup:
 
 def other_length(setup: Setup) -> Iterator[Hypothesis]:
     """X, Y, Z are in another unit."""
-    if setup.task.rows.kinds & {PositionRows, PoseRows}:
+    if setup.task.rows.has_positions:
         for unit, factor in UNITS.items():
             change = Change(f"X, Y, Z are {unit}", "data", "write X, Y, Z in mm", XYZ)
             yield Hypothesis((change,), setup.with_positions(factor * setup.positions))
@@ -94,14 +94,14 @@ def other_length(setup: Setup) -> Iterator[Hypothesis]:
 
 def other_spheres(setup: Setup) -> Iterator[Hypothesis]:
     """The radii of the spheres are in another unit, or are diameters, or half the radius."""
-    if TouchRows not in setup.task.rows.kinds:
+    if not setup.task.rows.has_distances:
         return
     factors = {f"radii are {unit}": factor for unit, factor in UNITS.items()}
     factors |= {"diameters are given as radii": 0.5, "radii are given as diameters": 2.0}
     for what, factor in factors.items():
 
         def scaled(block: Measured, factor: float = factor) -> Measured:
-            return replace(block, reach=factor * block.reach) if isinstance(block, TouchRows) else block
+            return block if block.distances is None else block.with_distances(factor * block.distances)
 
         change = Change(f"spheres: {what}", "artefact", "write radii, or diameters, as asked, in mm", ("radius",))
         yield Hypothesis((change,), setup.with_blocks(scaled), 1)

@@ -1,52 +1,18 @@
 """A new kind of row is one class: fit, proof, what is unobservable and the report's residuals ask it, and no edit."""
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
-
 import numpy as np
 import pytest
 
-from cellctl.calibration import Measured, PositionRows, RobotModel, Split, Task, fit
-from cellctl.calibration.model.postures import At
+from cellctl.calibration import PositionRows, RobotModel, Split, Task, fit
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import pose_from_xyz_abc
 from cellctl.report.fit.page import write_fit_page
 from cellctl.setup_check import check_setup
 from cellctl.setup_check.hypothesis import Setup
+from tests.extension.calibration_kit.heights import HeightRows
 from tests.helpers.reports import KR5, postures, told, truth
 
 PLACE = pose_from_xyz_abc([1500.0, -200.0, 300.0], [30.0, 2.0, -1.0])
-
-
-@dataclass(frozen=True, eq=False)
-class HeightRows(Measured):
-    """Heights of the tool above a level table, as a height gauge shows them, in the instrument's frame, mm."""
-
-    at: At
-    height: Any
-    sigma: Any
-    session: int = 0
-
-    of_instrument: ClassVar = True
-    along_line: ClassVar = True
-    one: ClassVar = "height"
-    many: ClassVar = "heights"
-
-    @property
-    def quantities(self):
-        return ("height",)
-
-    def residual(self, state):
-        return (self._model(state).tcp(self.postures)[:, 2] - self.height)[:, None]
-
-    def jacobian(self, state):
-        return state.spread(self._model(state).jacobian(self.postures)[:, 2:3], self.session)
-
-    def normals(self, state):
-        return np.tile([0.0, 0.0, 1.0], (len(self), 1))
-
-    def errors(self, state):
-        return np.abs(self.residual(state)[:, 0])
 
 
 @pytest.fixture(scope="module")

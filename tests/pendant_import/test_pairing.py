@@ -7,15 +7,17 @@ from hypothesis import strategies as st
 from cellctl.files import InputError
 from cellctl.pendant_import import Choices
 from cellctl.pendant_import._pairing import paired
-from cellctl.pendant_import._points import Point, PointList
+from cellctl.pendant_import._points import TABLE, Point, PointList, Source
+
+KRL = Source("krl", x_before_names=True)
 
 
-def postures(*names, source="krl", faults=()):
+def postures(*names, source=KRL, faults=()):
     return _list("joints.dat", source, names, "A1", faults)
 
 
 def positions(*names, faults=()):
-    return _list("positions.csv", "table", names, "X", faults)
+    return _list("positions.csv", TABLE, names, "X", faults)
 
 
 def _list(file, source, names, column, faults):
@@ -81,9 +83,7 @@ def test_numbers_that_do_not_begin_with_the_first_row_are_not_paired_by_order():
 
 def test_a_row_typed_twice_and_another_forgotten_is_found_though_the_counts_agree():
     joints = postures("", "", "")
-    measured = PointList(
-        "p.csv", "table", tuple(Point(line, "", {"X": x}) for line, x in [(2, 1.0), (3, 1.0), (4, 3.0)])
-    )
+    measured = PointList("p.csv", TABLE, tuple(Point(line, "", {"X": x}) for line, x in [(2, 1.0), (3, 1.0), (4, 3.0)]))
     with pytest.raises(InputError, match=r"p\.csv:3: the same numbers as line 2: typed twice"):
         pairs(joints, measured)
 
@@ -101,10 +101,10 @@ def test_numbers_alone_are_the_numbers_of_names_that_all_begin_alike():
 
 
 def test_names_that_only_look_alike_are_different():
-    assert pairs(postures("P1.1", "P11", source="table"), positions("P11", "P1.1")) == [(2, 1), (1, 2)]
+    assert pairs(postures("P1.1", "P11", source=TABLE), positions("P11", "P1.1")) == [(2, 1), (1, 2)]
     assert pairs(postures("XP10", "XP1"), positions("P1", "P10")) == [(2, 1), (1, 2)]
     assert pairs(postures("XP100", "XP10"), positions("P10", "P100")) == [(2, 1), (1, 2)]
-    assert pairs(postures("xa", "a", source="table"), positions("a", "xa")) == [(2, 1), (1, 2)]
+    assert pairs(postures("xa", "a", source=TABLE), positions("a", "xa")) == [(2, 1), (1, 2)]
 
 
 def test_one_name_with_two_positions_gives_none_of_them_unless_both_are_measurements():
@@ -122,7 +122,7 @@ def test_two_postures_of_one_name_are_never_both_right():
 
 
 def test_a_copy_of_a_row_is_left_out_and_the_first_one_used():
-    measured = PointList("p.csv", "table", tuple(Point(line, "P1", {"X": 1.0}) for line in (2, 5)))
+    measured = PointList("p.csv", TABLE, tuple(Point(line, "P1", {"X": 1.0}) for line in (2, 5)))
     result = paired(postures("XP1"), measured, Choices())
     assert [(a.line, b.line) for a, b in result.pairs] == [(1, 2)]
     assert [(row.line, row.reason) for row in result.left_out] == [(5, "the same numbers as line 2")]

@@ -129,4 +129,4 @@ def test_other_data_with_as_many_numbers_as_a_posture_is_none():
 
 def test_a_krl_file_that_speaks_of_robtargets_in_a_comment_stays_krl():
     text = "; converted from a robtarget\nDECL E6AXIS XP1={A1 1.0,A2 20.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}\n"
-    assert read(text).source == "krl"
+    assert read(text).source.name == "krl"

@@ -142,7 +142,7 @@ def _on_a_bar(block: Measured, state: State) -> Measured:
 def _where(rows: Rowed) -> str:
     if not any(block.has_length for block in rows.blocks):
         return "in one socket"
-    longest = max(float(block.lengths(rows.state).max()) for block in rows.blocks if isinstance(block, TouchRows))
+    longest = max(float(block.lengths(rows.state).max()) for block in rows.blocks if block.distances is not None)
     return "on one sphere" if longest < SPHERE_MM else "about one point"
 
 

@@ -31,7 +31,7 @@ import numpy as np
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import PLACED, State
-from cellctl.calibration.rows import Measured, TouchRows
+from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Floats, SerialChain, pose
 
 STEPS = 4
@@ -248,10 +248,10 @@ class _Lengths:
         """Those of the instrument of number `datum`."""
         tcps, shown, point = [np.zeros((0, 3))], [np.zeros(0)], [np.zeros(0, int)]
         for block in blocks:
-            if isinstance(block, TouchRows) and np.any(mine := block.datum == datum):
+            if block.distances is not None and np.any(mine := block.zeros == datum):
                 tcps.append(state.models[block.session].tcp(block.postures.pick(mine)))
-                shown.append(block.reach[mine])
-                point.append(block.point[mine])
+                shown.append(block.distances[mine])
+                point.append(block.visited[mine])
         return cls(np.concatenate(tcps), np.concatenate(shown), np.concatenate(point))
 
     def beyond(self, points: Floats) -> Floats:

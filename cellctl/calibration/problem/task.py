@@ -15,7 +15,7 @@ from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import GEOMETRY, PLACED, State, Tolerances, Unknowns
 from cellctl.calibration.problem.measured_region import MeasuredRegion
 from cellctl.calibration.problem.registration import fixed_points, on_instrument, with_datums
-from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
+from cellctl.calibration.rows import Measured, SpacingRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.kinematics import Bools, Floats
 
@@ -87,7 +87,7 @@ class Task:
     @property
     def has_new_tool(self) -> bool:
         """Whether a prior model has a new tool, measured only by distances with known zeros."""
-        touched = all(issubclass(kind, TouchRows) for kind in self.rows.kinds) and not self.datums
+        touched = all(block.distances is not None for block in self.rows.blocks if len(block)) and not self.datums
         return self.is_partial_update and "tool" in self.free_groups and touched
 
     @property

@@ -147,6 +147,19 @@ class RowsAtJoints(ABC):
         return None
 
     @property
+    def distances(self) -> Floats | None:
+        """Measured distances (N,), mm, of the TCPs from the fixed points, with the instrument's zero; None without
+        them.
+        """
+        return None
+
+    def lengths(self, state: State) -> Floats:
+        """`distances` less the datums of `state` (N,), mm; NaN without distances."""
+        if self.distances is None:
+            return np.full(len(self), np.nan)
+        return np.asarray(self.distances - np.append(state.datums, 0.0)[self.zeros])  # -1: the last one, 0
+
+    @property
     def visited(self) -> Any:
         """Index of each row's fixed point (N,); −1: none."""
         return getattr(self, "point", np.full(len(self), -1))
@@ -170,6 +183,10 @@ class RowsAtJoints(ABC):
 
     def with_orientations(self, rotations: Floats) -> Self:
         """These rows with other measured rotations (N, 3, 3); the same rows where the kind measures none."""
+        return self
+
+    def with_distances(self, distances: Floats) -> Self:
+        """These rows with other measured distances (N,), mm; the same rows where the kind measures none."""
         return self
 
     def proposed(self, state: State, reachable: Reachable) -> Self | None:

@@ -155,6 +155,15 @@ class TouchRows(RowsAtJoints):
         """Each row's datum (N,)."""
         return self.datum
 
+    @property
+    def distances(self) -> Floats:
+        """The measured distances (N,), mm."""
+        return self.reach
+
+    def with_distances(self, distances: Floats) -> Self:
+        """Other measured distances (N,), mm."""
+        return replace(self, reach=distances)
+
     def place(self, model: RobotModel) -> Floats:
         """The centre (3,), mm, of the sphere that the TCPs lie on."""
         return sphere_centre(model.tcp(self.postures), self.reach)
@@ -201,10 +210,6 @@ class TouchRows(RowsAtJoints):
         groups = [(pair[1] >= 0, np.all(pairs == pair, axis=1)) for pair in np.unique(pairs, axis=0)]
         found = [_from_their_sphere(tcps[:, mine], self.reach[mine], shifted) for shifted, mine in groups]
         return np.concatenate(found, axis=1)
-
-    def lengths(self, state: State) -> Floats:
-        """The measured distances (N,), mm: the readings less the datums of `state`."""
-        return np.asarray(self.reach - np.append(state.datums, 0.0)[self.datum])  # -1: the last one, 0
 
 
 @final

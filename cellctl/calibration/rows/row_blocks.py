@@ -52,6 +52,16 @@ class RowBlocks:
         return np.concatenate([np.full(len(block), block.of_instrument) for block in self.blocks])
 
     @property
+    def has_positions(self) -> bool:
+        """Whether an instrument measured TCPs in any row."""
+        return any(block.positions is not None for block in self.blocks if len(block))
+
+    @property
+    def has_distances(self) -> bool:
+        """Whether any row is a measured distance from a fixed point."""
+        return any(block.distances is not None for block in self.blocks if len(block))
+
+    @property
     def numbers(self) -> Any:
         """Count of numbers in each row (M,)."""
         return np.concatenate([np.full(len(block), len(block.quantities)) for block in self.blocks])

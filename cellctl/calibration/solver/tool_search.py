@@ -16,7 +16,7 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.calibration.model.unknowns import State, Unknowns
-from cellctl.calibration.rows import Rows, SpacingRows, TouchRows
+from cellctl.calibration.rows import Rows, SpacingRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.solver.estimate import Estimate, linearised
 from cellctl.kinematics import Bools, Floats
@@ -81,9 +81,10 @@ class Touched:
     def of(cls, state: State, rows: RowBlocks, certified: Sequence[Rows]) -> Self:
         """From `rows`, and certified distances among `certified`."""
         shared = _sharing_the_tool(state)
-        blocks = [block for block in rows.blocks if isinstance(block, TouchRows) and shared[block.session]]
-        seen = [(state.models[block.session], block) for block in blocks]
-        number = np.concatenate([np.zeros(0, int), *(block.point for block in blocks)]).astype(int)
+        shown = [(block, block.distances) for block in rows.blocks if shared[block.session]]
+        found = [(block, distances) for block, distances in shown if distances is not None]
+        seen = [(state.models[block.session], block) for block, _ in found]
+        number = np.concatenate([np.zeros(0, int), *(block.visited for block, _ in found)]).astype(int)
         points, point = np.unique(number, return_inverse=True)
         pairs, mm, pair_sigma = _certified(certified, points)
         tool = tool_of(state)
@@ -93,8 +94,8 @@ class Touched:
             turn=np.concatenate([np.zeros((0, 3, 3)), *(model.jacobian(b.at)[:, :3, tool] for model, b in seen)]),
             points=points,
             point=point,
-            reach=np.concatenate([np.zeros(0), *(block.reach for block in blocks)]),
-            sigma=np.concatenate([np.zeros(0), *(block.sigma[:, 0] for block in blocks)]),
+            reach=np.concatenate([np.zeros(0), *(distances for _, distances in found)]),
+            sigma=np.concatenate([np.zeros(0), *(block.sigma[:, 0] for block, _ in found)]),
             pairs=pairs,
             mm=mm,
             pair_sigma=pair_sigma,

@@ -3,18 +3,20 @@
 from cellctl.formats.measurements._conditions import Conditions
 from cellctl.formats.measurements._measured import Measurements, measurements, refuse_alike
 from cellctl.formats.measurements._model_choice import ModelChoice, ModelTerms, nominal_model
+from cellctl.formats.measurements._rows import Reading
 from cellctl.formats.measurements._sessions import OWN, Spacing
-from cellctl.formats.measurements.kinds import KINDS, NOUNS, Kind, measure_of
+from cellctl.formats.measurements.kinds import KINDS, Kind, RowKind, measure_of
 
 __all__ = [
     "KINDS",
-    "NOUNS",
     "OWN",
     "Conditions",
     "Kind",
     "Measurements",
     "ModelChoice",
     "ModelTerms",
+    "Reading",
+    "RowKind",
     "Spacing",
     "measure_of",
     "measurements",

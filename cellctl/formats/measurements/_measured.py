@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias, final
+from typing import Any, final
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from cellctl.formats.description import in_poe
 from cellctl.formats.load import two_centres
 from cellctl.formats.measurements._conditions import Conditions
 from cellctl.formats.measurements._model_choice import POE, ModelChoice, ModelTerms
-from cellctl.formats.measurements._rows import Planes, Poses, Positions, Reaches, Sockets, reject_point_names
+from cellctl.formats.measurements._rows import Reading, reject_point_names
 from cellctl.formats.measurements._sessions import (
     OWN_BASE,
     Points,
@@ -29,15 +29,14 @@ from cellctl.formats.measurements._sessions import (
     sessions_of,
     spacing_rows,
 )
+from cellctl.formats.measurements.columns import has_own_sigma, zero_sigmas
 from cellctl.formats.measurements.kinds import (
     KINDS,
-    NOUNS,
     Kind,
     check_columns,
-    has_own_sigma,
     kinds_of,
+    noun_of,
     reject_zeros,
-    zero_sigmas,
 )
 from cellctl.formats.measurements.repeats import (
     posture_numbers,
@@ -47,8 +46,6 @@ from cellctl.formats.measurements.repeats import (
 )
 from cellctl.kinematics import Floats
 from cellctl.robot_file import RobotFile
-
-_Reading: TypeAlias = Positions | Poses | Reaches | Planes | Sockets
 
 SCATTERED = 5.0
 """Places within this many of their σ of one place are that place."""
@@ -84,7 +81,7 @@ class Measurements:
     @property
     def noun(self) -> str:
         """The noun for such rows in messages."""
-        return NOUNS.get(self.measure, "rows")
+        return noun_of(self.measure)
 
     def postures(self) -> list[int]:
         """The number of each row's posture (N,): the same for rows of the same readings."""
@@ -134,17 +131,18 @@ def measurements(
     conditions = Conditions(sieve, robot, readings)
     rows = _Rows(conditions, _read(sieve, robot, kinds, artefact), kinds, session_names(sieve), own)
     sets = _sets(sieve)
-    reject_point_names(sieve, kinds, [name for name, _ in rows.points()])
+    on_plane = [KINDS[kind].rows.of_planes for kind in kinds]
+    reject_point_names(sieve, on_plane, [name for name, _ in rows.points()])
     reject_copies(sieve, readings, sieve.kept())
     reject_lone_zeros(sieve, rows.zeros(), sieve.kept())
     known = known_spacings(artefact if use_distances else None, spacings)
     reject_lone(sieve, rows.points(), kinds, Counter(name for each in known for name in each.between), sieve.kept())
     found = rows.arranged(sieve.kept())
-    refuse_planes([name for row, (name, _) in enumerate(rows.points()) if kinds[row] == "plane"], spacings)
+    refuse_planes([name for row, (name, _) in enumerate(rows.points()) if on_plane[row]], spacings)
     at, points = conditions.at(found.order), found.points
     _refuse_two_centres(data, at, found.order)
     _refuse_missing_currents(data, terms, at, found.order)
-    touched = any(kinds[row] in ("sphere", "plane") for row in found.order)
+    touched = any(KINDS[kinds[row]].touching for row in found.order)
     given = {
         "points": points.names,
         "datums": found.datums,
@@ -216,14 +214,14 @@ class _Rows:
     """
 
     conditions: Conditions
-    parts: Mapping[Kind, _Reading]
+    parts: Mapping[Kind, Reading]
     kinds: Sequence[Kind]
     sessions: Sequence[str]
     own: frozenset[str]
 
     def arranged(self, kept: list[int]) -> _Arranged:
         """Blocks of the rows `kept`, each of one session and kind."""
-        instrument = any(self.kinds[row] in ("pose", "position") for row in kept)
+        instrument = any(KINDS[self.kinds[row]].rows.of_instrument for row in kept)
         of_rows = [self.sessions[row] for row in kept]
         sessions = sessions_of(of_rows, self.own, instrument=instrument)
         points = Points.of([self._point(row) for row in kept], of_rows, apart=self._apart)
@@ -253,35 +251,21 @@ class _Rows:
         return bool(self.own & OWN_BASE)
 
     def _point(self, row: int) -> str:
-        part = self.parts[self.kinds[row]]
-        return part.names[row] if isinstance(part, Reaches | Planes | Sockets) else ""
+        return self.parts[self.kinds[row]].point_name(row)
 
     def _zero(self, row: int) -> str:
-        part = self.parts[self.kinds[row]]
-        return part.zeros[row] if isinstance(part, Reaches | Positions | Poses) else ""
+        return self.parts[self.kinds[row]].zero_name(row)
 
     def _block(self, kind: Kind, rows: list[int], session: int, points: Points, datums: tuple[str, ...]) -> Measured:
-        part, at = self.parts[kind], self.conditions.at(rows)
-        if isinstance(part, Positions | Poses):
-            return part.block(rows, at, session, datums)
-        numbers = np.array([points.number(part.names[row], self.sessions[row]) for row in rows])
-        if isinstance(part, Reaches):
-            return part.block(rows, at, session, numbers, datums)
-        return part.block(rows, at, session, numbers)
+        named = [(self._point(row), self.sessions[row]) for row in rows]
+        numbers = np.array([points.number(name, session) if name else -1 for name, session in named])
+        return self.parts[kind].block(rows, self.conditions.at(rows), session, numbers, datums)
 
 
-def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artefact | None) -> dict[Kind, _Reading]:
+def _read(sieve: Sieve, robot: RobotFile, kinds: Sequence[Kind], artefact: Artefact | None) -> dict[Kind, Reading]:
     """The columns of each kind present."""
-    readers: dict[Kind, Callable[[set[int]], _Reading]] = {
-        "sphere": lambda rows: Reaches.of_touches(sieve, robot, rows, artefact),
-        "plane": lambda rows: Planes.of(sieve, robot, rows, artefact),
-        "socket": lambda rows: Sockets.of(sieve, robot, rows),
-        "distance": lambda rows: Reaches.of_distances(sieve, robot, rows),
-        "pose": lambda rows: Poses.of(sieve, robot, rows),
-        "position": lambda rows: Positions.of(sieve, robot, rows),
-    }
     rows = {kind: {row for row, of in enumerate(kinds) if of == kind} for kind in set(kinds)}
-    return {kind: readers[kind](rows[kind]) for kind in KINDS if kind in rows}
+    return {name: kind.read(sieve, robot, rows[name], artefact) for name, kind in KINDS.items() if name in rows}
 
 
 def _task(model: RobotModel, terms: ModelTerms, blocks: list[Measured], given: dict[str, Any]) -> Task:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, final
 
 import numpy as np
 
-from cellctl.calibration import PlaneRows, PoseRows, PositionRows, Postures, SocketRows, TouchRows
+from cellctl.calibration import Measured, PlaneRows, PoseRows, PositionRows, Postures, SocketRows, TouchRows
+from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
-from cellctl.formats.dataset import Sieve
-from cellctl.formats.measurements.kinds import (
+from cellctl.formats.dataset import DataSet, Sieve
+from cellctl.formats.measurements.columns import (
     ABC,
     PLACE,
     QUATERNION,
@@ -24,9 +26,27 @@ from cellctl.kinematics import Floats, pose, rotation_from_abc, rotation_from_qu
 from cellctl.robot_file import RobotFile
 
 
+class Reading(abc.ABC):
+    """The cells of one kind of rows as numbers, for all N rows of a data set."""
+
+    def point_name(self, row: int) -> str:
+        """The name of the row's fixed point; empty: it has none."""
+        return ""
+
+    def zero_name(self, row: int) -> str:
+        """The name of the unknown zero of the row's length; empty: there is none."""
+        return ""
+
+    @abc.abstractmethod
+    def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str]) -> Measured:
+        """Those at `rows`, for the estimator: at the fixed points of numbers `points`, −1 for none; zeros are counted
+        by their place in `datums`.
+        """
+
+
 @final
 @dataclass(frozen=True, eq=False)
-class Positions:
+class Positions(Reading):
     """xyz, sigma (N, 3), mm; NaN where a row is none. covariance (N, 3, 3), mm², where rows state it. zeros (N)."""
 
     xyz: Floats
@@ -35,14 +55,18 @@ class Positions:
     zeros: Sequence[str]
 
     @classmethod
-    def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
+    def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
         """The positions at `rows`."""
         xyz = np.array([sieve.numbers(name, rows=rows) for name in PLACE]).T
         sigma = place_sigma(sieve, robot, rows)
         return cls(xyz, sigma, covariances(sieve, sigma, rows), sieve.data.texts("zero"))
 
-    def block(self, rows: list[int], at: Postures, session: int, datums: Sequence[str] = ()) -> PositionRows:
-        """Those at `rows`, for the estimator, which counts the zeros by `datums`."""
+    def zero_name(self, row: int) -> str:
+        """The name of the range's unknown zero."""
+        return self.zeros[row]
+
+    def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str]) -> PositionRows:
+        """See `Reading`."""
         block = PositionRows(at, self.xyz[rows], self.sigma[rows], session)
         if self.covariance is not None:
             block = PositionRows.of(at, self.xyz[rows], self.covariance[rows], session)
@@ -51,7 +75,7 @@ class Positions:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Poses:
+class Poses(Reading):
     """xyz (N, 3), mm; turns (N, 3 or 4): A, B, C (deg) or a unit quaternion; sigma (N, 6), mm and rad.
 
     covariance (N, 6, 6), where rows state it. zeros (N): name of the range's unknown zero, empty where it is known.
@@ -64,7 +88,7 @@ class Poses:
     zeros: Sequence[str]
 
     @classmethod
-    def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
+    def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
         """The poses at `rows`."""
         xyz = np.array([sieve.numbers(name, rows=rows) for name in PLACE]).T
         quaternions = any(any(sieve.data.texts(name)) for name in QUATERNION)
@@ -75,8 +99,12 @@ class Poses:
         sigma = np.hstack([place_sigma(sieve, robot, rows), rotation_sigma(sieve, rows)])
         return cls(xyz, turns, sigma, covariances(sieve, sigma, rows), sieve.data.texts("zero"))
 
-    def block(self, rows: list[int], at: Postures, session: int, datums: Sequence[str] = ()) -> PoseRows:
-        """Those at `rows`, for the estimator, which counts the zeros by `datums`."""
+    def zero_name(self, row: int) -> str:
+        """The name of the range's unknown zero."""
+        return self.zeros[row]
+
+    def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str]) -> PoseRows:
+        """See `Reading`."""
         rotation = rotation_from_quaternion if self.turns.shape[1] == len(QUATERNION) else rotation_from_abc
         poses = pose(rotation(self.turns[rows]), self.xyz[rows])
         block = PoseRows(at, poses, self.sigma[rows], session)
@@ -98,7 +126,7 @@ AGREE_MM = 1e-3
 
 @final
 @dataclass(frozen=True, eq=False)
-class Reaches:
+class Reaches(Reading):
     """Distances from fixed points. names (N): of the point, empty where a row is none; reach (N,), sigma (N, 1), mm.
     zeros (N): name of the zero of each reach, empty where that is known.
     """
@@ -116,7 +144,7 @@ class Reaches:
         return cls(names, reach, distance_sigma(sieve, robot, rows), [""] * len(names))
 
     @classmethod
-    def of_distances(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
+    def of_distances(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
         """Distances at `rows`, as shown by a ball-bar or a draw-wire."""
         names, reach = sieve.data.texts("anchor"), sieve.numbers("distance", rows=rows)
         zeros = sieve.data.texts("zero")
@@ -127,8 +155,16 @@ class Reaches:
                 sieve.reject(row, f"distance is {reach[row]:g}")
         return cls(names, np.array(reach), distance_sigma(sieve, robot, rows), zeros)
 
-    def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str] = ()) -> TouchRows:
-        """Those at `rows`, at the points of numbers `points`, for the estimator, which counts the zeros by `datums`."""
+    def point_name(self, row: int) -> str:
+        """The name of the point."""
+        return self.names[row]
+
+    def zero_name(self, row: int) -> str:
+        """The name of the length's unknown zero."""
+        return self.zeros[row]
+
+    def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str]) -> TouchRows:
+        """See `Reading`."""
         numbers = {name: number for number, name in enumerate(datums)}
         datum = np.array([numbers.get(self.zeros[row], -1) for row in rows])
         return TouchRows(at, points, self.reach[rows], self.sigma[rows], session, datum)
@@ -136,14 +172,14 @@ class Reaches:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Sockets:
+class Sockets(Reading):
     """The tool held in sockets. names (N): of the socket, empty where a row is none; sigma (N, 3), mm."""
 
     names: Sequence[str]
     sigma: Floats
 
     @classmethod
-    def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Self:
+    def of(cls, sieve: Sieve, robot: RobotFile, rows: Collection[int], artefact: Artefact | None) -> Self:
         """Visits of sockets at `rows`."""
         names = sieve.data.texts("socket")
         for row in rows:
@@ -151,14 +187,18 @@ class Sockets:
                 sieve.reject(row, "socket is missing")
         return cls(names, place_sigma(sieve, robot, rows))
 
-    def block(self, rows: list[int], at: Postures, session: int, points: Any) -> SocketRows:
-        """Those at `rows`, in the sockets of numbers `points`, for the estimator."""
+    def point_name(self, row: int) -> str:
+        """The name of the socket."""
+        return self.names[row]
+
+    def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str]) -> SocketRows:
+        """See `Reading`."""
         return SocketRows(at, points, self.sigma[rows], session)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Planes:
+class Planes(Reading):
     """Touches on planes. names (N): of the plane, empty where a row is none; reach (N,), sigma (N, 1), mm."""
 
     names: Sequence[str]
@@ -183,19 +223,40 @@ class Planes:
         reach = np.array(_tip_radii(sieve, artefact, rows)) + np.array(drift)
         return cls(names, reach, distance_sigma(sieve, robot, rows))
 
-    def block(self, rows: list[int], at: Postures, session: int, points: Any) -> PlaneRows:
-        """Those at `rows`, on the planes of numbers `points`, for the estimator."""
+    def point_name(self, row: int) -> str:
+        """The name of the plane."""
+        return self.names[row]
+
+    def block(self, rows: list[int], at: Postures, session: int, points: Any, datums: Sequence[str]) -> PlaneRows:
+        """See `Reading`."""
         return PlaneRows(at, points, self.reach[rows], self.sigma[rows], session)
 
 
-def reject_point_names(sieve: Sieve, kinds: Sequence[str], names: Sequence[str]) -> None:
+def check_orientation(data: DataSet, artefact: Artefact | None) -> None:
+    """Raise InputError where poses have no orientation, or two."""
+    if not any(data.has(*names) for names in (ABC, QUATERNION)):
+        what = "has no orientation: A, B, C or QW, QX, QY, QZ"
+        raise InputError(Problem(data.file, 1, 0, what, "--measure position"))
+    if all(any(any(data.texts(name)) for name in names) for names in (ABC, QUATERNION)):
+        what = "gives the orientation in two ways: A, B, C and QW, QX, QY, QZ"
+        raise InputError(Problem(data.file, 1, 0, what, "keep one"))
+
+
+def check_radii(data: DataSet, artefact: Artefact | None) -> None:
+    """Raise InputError where nothing says how large the touched spheres are."""
+    if artefact is None and not data.has("radius"):
+        what = "has touches on spheres, but neither a column radius nor an artefact says how large these are"
+        raise InputError(Problem(data.file, 1, 0, what, "give --artefact FILE (the cell file does)"))
+
+
+def reject_point_names(sieve: Sieve, on_plane: Sequence[bool], names: Sequence[str]) -> None:
     """Reject the touches on a plane whose name another row uses for a point: the two cannot be the same object."""
     first: dict[str, int] = {}
-    for row, (kind, name) in enumerate(zip(kinds, names, strict=True)):
-        if kind != "plane":
+    for row, (plane, name) in enumerate(zip(on_plane, names, strict=True)):
+        if not plane:
             first.setdefault(name, row)
-    for row, (kind, name) in enumerate(zip(kinds, names, strict=True)):
-        if kind == "plane" and name in first:
+    for row, (plane, name) in enumerate(zip(on_plane, names, strict=True)):
+        if plane and name in first:
             sieve.reject(row, f"'{name}' is a plane here and a point in line {sieve.data.lines[first[name]]}")
 
 

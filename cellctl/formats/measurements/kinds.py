@@ -1,56 +1,124 @@
-"""The kind of each row of a data set, by its filled cells, and its σ and covariances."""
+"""The table of row kinds, and the kind of each row of a data set, by its filled cells."""
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Collection, Sequence
-from typing import Literal, TypeAlias, get_args
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, final
 
-import numpy as np
-
+from cellctl.calibration import Measured, PlaneRows, PoseRows, PositionRows, SocketRows, TouchRows
 from cellctl.files import InputError, Problem
 from cellctl.formats.artefact import Artefact
 from cellctl.formats.dataset import DataSet, Sieve
-from cellctl.kinematics import Floats
+from cellctl.formats.measurements._rows import (
+    Planes,
+    Poses,
+    Positions,
+    Reaches,
+    Reading,
+    Sockets,
+    check_orientation,
+    check_radii,
+)
+from cellctl.formats.measurements.columns import ABC, PLACE, QUATERNION
 from cellctl.robot_file import RobotFile
 
-Kind: TypeAlias = Literal["sphere", "plane", "socket", "distance", "pose", "position"]
-"""What a row measures; distance: from an unknown fixed point (ball-bar, draw-wire)."""
+Kind: TypeAlias = str
+"""The name of a row kind, a key of `KINDS`: `sphere`, `position`."""
 
-KINDS: tuple[Kind, ...] = get_args(Kind)
-"""In the order in which a row's cells are checked."""
 
-NOUNS = {
-    "sphere": "touches",
-    "plane": "plane touches",
-    "socket": "socket visits",
-    "distance": "distances",
-    "pose": "poses",
-    "position": "positions",
+@final
+@dataclass(frozen=True, kw_only=True)
+class RowKind:
+    """What a data set has of one kind of rows.
+
+    rows: the class of their blocks. read: their cells, at the rows of these indices alone. one, many: such rows in
+    messages. columns: the data set needs all of these. filled_by: a row with any of these cells is of this kind; empty:
+    `columns`. point: the one of `columns` that names the row's fixed point. numbers: how many are measured in a row.
+    zero: whether a row may name an unknown zero of its length. touching: whether the tool is pressed against
+    something, so that it bends. check: raises InputError where the data set cannot have such rows at all.
+    """
+
+    rows: type[Measured]
+    read: Callable[[Sieve, RobotFile, Collection[int], Artefact | None], Reading]
+    one: str
+    many: str
+    columns: tuple[str, ...]
+    filled_by: tuple[str, ...] = ()
+    point: str = ""
+    numbers: int = 1
+    zero: Literal["none", "with σ", "free"] = "none"
+    touching: bool = False
+    check: Callable[[DataSet, Artefact | None], None] | None = None
+
+
+KINDS: dict[Kind, RowKind] = {
+    "sphere": RowKind(
+        rows=TouchRows,
+        read=Reaches.of_touches,
+        one="a touch",
+        many="touches",
+        columns=("sphere",),
+        point="sphere",
+        touching=True,
+        check=check_radii,
+    ),
+    "plane": RowKind(
+        rows=PlaneRows,
+        read=Planes.of,
+        one="a touch on a plane",
+        many="plane touches",
+        columns=("plane",),
+        point="plane",
+        touching=True,
+    ),
+    "socket": RowKind(
+        rows=SocketRows,
+        read=Sockets.of,
+        one="a socket visit",
+        many="socket visits",
+        columns=("socket",),
+        point="socket",
+        numbers=3,
+    ),
+    "distance": RowKind(
+        rows=TouchRows,
+        read=Reaches.of_distances,
+        one="a distance",
+        many="distances",
+        columns=("anchor", "distance"),
+        point="anchor",
+        zero="free",
+    ),
+    "pose": RowKind(
+        rows=PoseRows,
+        read=Poses.of,
+        one="a pose",
+        many="poses",
+        columns=PLACE,
+        filled_by=(*ABC, *QUATERNION),
+        numbers=6,
+        zero="with σ",
+        check=check_orientation,
+    ),
+    "position": RowKind(
+        rows=PositionRows,
+        read=Positions.of,
+        one="a position",
+        many="positions",
+        columns=PLACE,
+        numbers=3,
+        zero="with σ",
+    ),
 }
+"""In the order in which a row's cells are checked; distance: from an unknown fixed point (ball-bar, draw-wire). Kinds
+of other packages follow.
+"""
 
-_ONE = {
-    "sphere": "a touch",
-    "plane": "a touch on a plane",
-    "socket": "a socket visit",
-    "distance": "a distance",
-    "pose": "a pose",
-    "position": "a position",
-}
 
-PLACE = ("X", "Y", "Z")
-ABC = ("A", "B", "C")
-QUATERNION = ("QW", "QX", "QY", "QZ")
-_NEEDED: dict[Kind, tuple[str, ...]] = {
-    "sphere": ("sphere",),
-    "plane": ("plane",),
-    "socket": ("socket",),
-    "distance": ("anchor", "distance"),
-    "pose": PLACE,
-    "position": PLACE,
-}
-_FILLED_BY: dict[Kind, tuple[str, ...]] = {**_NEEDED, "pose": (*ABC, *QUATERNION)}
+def noun_of(measure: str) -> str:
+    """The noun for rows of the kind `measure` in messages; of several kinds, joined by `+`: rows."""
+    return KINDS[measure].many if measure in KINDS else "rows"
 
 
 def measure_of(data: DataSet) -> Kind:
@@ -62,138 +130,36 @@ def kinds_of(sieve: Sieve, asked: Kind | None) -> list[Kind]:
     """The kind of each row (N,). With `asked` the rows of other kinds are rejected, with this reason."""
     data = sieve.data
     common: Kind = asked or measure_of(data)
-    order = KINDS if asked is None else (asked, *(kind for kind in KINDS if kind != asked))
+    order = list(KINDS) if asked is None else [asked, *(kind for kind in KINDS if kind != asked)]
     filled = {kind: _filled(data, kind) for kind in order}
     kinds = [next((kind for kind in order if filled[kind][row]), common) for row in range(len(data))]
     for row, kind in enumerate(kinds):
         if asked is not None and kind != asked:
-            sieve.reject(row, f"{_ONE[kind]}, and only {NOUNS[asked]} are asked for")
+            sieve.reject(row, f"{KINDS[kind].one}, and only {KINDS[asked].many} are asked for")
     return kinds
 
 
 def reject_zeros(sieve: Sieve, kinds: Collection[Kind]) -> None:
-    """Reject the rows that name a zero and are not distances; positions and poses may, if they state its σ."""
+    """Reject the rows that name a zero which their kind does not have, or not without its σ."""
     stated = sieve.data.texts("sZero")
     for row, (zero, kind) in enumerate(zip(sieve.data.texts("zero"), kinds, strict=True)):
-        if zero and kind != "distance" and not (kind in ("position", "pose") and stated[row]):
-            sieve.reject(row, f"zero '{zero}' is of a distance from an anchor, and this is {_ONE[kind]}")
+        allowed = KINDS[kind].zero
+        if zero and allowed != "free" and not (allowed == "with σ" and stated[row]):
+            sieve.reject(row, f"zero '{zero}' is of a distance from an anchor, and this is {KINDS[kind].one}")
 
 
 def check_columns(data: DataSet, kinds: Collection[Kind], artefact: Artefact | None) -> None:
     """Raise InputError where rows of these kinds lack a whole column."""
-    for kind in [each for each in KINDS if each in kinds]:
-        missing = [name for name in _NEEDED[kind] if not data.has(name)]
+    for name, kind in [(name, kind) for name, kind in KINDS.items() if name in kinds]:
+        missing = [column for column in kind.columns if not data.has(column)]
         if missing:
-            what = f"has no column {', '.join(missing)}, which a {kind} needs"
+            what = f"has no column {', '.join(missing)}, which a {name} needs"
             raise InputError(Problem(data.file, 1, 0, what, f"columns here: {', '.join(data.columns[:12])}"))
-        if kind == "pose" and not any(data.has(*names) for names in (ABC, QUATERNION)):
-            what = "has no orientation: A, B, C or QW, QX, QY, QZ"
-            raise InputError(Problem(data.file, 1, 0, what, "--measure position"))
-        if kind == "pose" and all(any(any(data.texts(name)) for name in names) for names in (ABC, QUATERNION)):
-            what = "gives the orientation in two ways: A, B, C and QW, QX, QY, QZ"
-            raise InputError(Problem(data.file, 1, 0, what, "keep one"))
-        if kind == "sphere" and artefact is None and not data.has("radius"):
-            what = "has touches on spheres, but neither a column radius nor an artefact says how large these are"
-            raise InputError(Problem(data.file, 1, 0, what, "give --artefact FILE (the cell file does)"))
+        if kind.check:
+            kind.check(data, artefact)
 
 
 def _filled(data: DataSet, kind: Kind) -> list[bool]:
     """Which rows (N,) have any cell of this kind filled."""
-    columns = [data.texts(name) for name in _FILLED_BY[kind] if data.has(name)]
+    columns = [data.texts(name) for name in KINDS[kind].filled_by or KINDS[kind].columns if data.has(name)]
     return [any(cells) for cells in zip(*columns, strict=True)] if columns else [False] * len(data)
-
-
-ROTATION_SIGMA_DEG = 0.005
-"""σ of a measured orientation about each axis where the data do not state it; it is scaled by the residuals like all
-σ."""
-
-LEAST = 1e-6
-"""No standard deviation is smaller, mm or degrees: such a row would dominate all others."""
-
-MOST = 1e3
-"""No standard deviation is greater, mm or degrees: a larger one is no measurement."""
-
-SIGMAS = ("sX", "sY", "sZ")
-OF_DISTANCE = "sD"
-OF_ROTATION = "sR"
-OF_ZERO = "sZero"
-ROTATION_SIGMAS = ("sRX", "sRY", "sRZ")
-
-AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
-COVARIANCES = tuple(f"c{one}{other}" for one, other in itertools.combinations(AXES, 2))
-"""Columns of covariances between two numbers of a row: mm², mm·deg or deg²."""
-
-
-def has_own_sigma(data: DataSet) -> bool:
-    """Whether any row states the σ of its position or distance."""
-    return any(any(data.texts(name)) for name in (*SIGMAS, OF_DISTANCE))
-
-
-def place_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
-    """σ of each coordinate (N, 3), mm: sX, sY, sZ, or the robot's repeatability on one axis."""
-    default = robot.repeatability / math.sqrt(3.0)
-    return np.array([_positive(sieve, name, rows, default) for name in SIGMAS]).T
-
-
-def distance_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
-    """σ along the line measured (N, 1), mm: sD, or that of the place on one axis."""
-    of_place = np.sqrt(np.mean(place_sigma(sieve, robot, rows) ** 2, axis=1))
-    own = np.array(_positive(sieve, OF_DISTANCE, rows, math.inf))
-    return np.where(np.isfinite(own), own, of_place)[:, None]
-
-
-def rotation_sigma(sieve: Sieve, rows: Collection[int]) -> Floats:
-    """σ about each axis (N, 3), rad: sRX, sRY, sRZ, or sR (deg)."""
-    common = np.array(_positive(sieve, OF_ROTATION, rows, ROTATION_SIGMA_DEG))
-    own = np.array([_positive(sieve, name, rows, math.inf) for name in ROTATION_SIGMAS]).T
-    return np.deg2rad(np.where(np.isfinite(own), own, common[:, None]))
-
-
-def zero_sigmas(sieve: Sieve, zeros: Sequence[str], names: Sequence[str]) -> tuple[float, ...]:
-    """Prior σ of each zero of `names` (D,) about 0, mm: the smallest sZero of its rows, `MOST` if none of them has one;
-    () if no row at all has one.
-
-    zeros (N): name of each row's zero, empty where it has none.
-    """
-    rows = {row for row, zero in enumerate(zeros) if zero}
-    if not any(sieve.data.texts(OF_ZERO)):
-        return ()
-    stated = _positive(sieve, OF_ZERO, rows, MOST)
-    return tuple(min(stated[row] for row in rows if zeros[row] == name and stated[row] > 0.0) for name in names)
-
-
-def covariances(sieve: Sieve, sigma: Floats, rows: Collection[int]) -> Floats | None:
-    """Covariances (N, k, k) of rows with standard deviations `sigma` (N, k), mm and rad; None where none is stated.
-
-    k = 3: cXY, cXZ, cYZ; k = 6: also those of turns about X, Y, Z. Missing: 0. A row whose covariance is not positive
-    definite is rejected.
-    """
-    size = sigma.shape[1]
-    stated = [name for name in COVARIANCES if any(sieve.data.texts(name))]
-    unit = np.append(np.ones(3), np.full(3, np.deg2rad(1.0)))
-    pairs = [(i, j) for i, j in itertools.combinations(range(size), 2) if f"c{AXES[i]}{AXES[j]}" in stated]
-    if not pairs:
-        return None
-    result = sigma[:, :, None] ** 2 * np.eye(size)
-    for i, j in pairs:
-        values = np.array(sieve.numbers(f"c{AXES[i]}{AXES[j]}", missing=0.0, rows=rows)) * unit[i] * unit[j]
-        result[:, i, j] = result[:, j, i] = values
-    for row in sorted(rows):
-        if np.isfinite(result[row]).all():
-            correlation = result[row] / np.outer(sigma[row], sigma[row])
-            if np.linalg.eigvalsh(correlation)[0] < 1e-9:
-                names = ", ".join(f"c{AXES[i]}{AXES[j]}" for i, j in pairs)
-                sieve.reject(row, f"{names} are too large for the row's standard deviations: no such covariance exists")
-    return result
-
-
-def _positive(sieve: Sieve, name: str, rows: Collection[int], default: float) -> list[float]:
-    values = sieve.numbers(name, missing=default, rows=rows)
-    for row, value in enumerate(values):
-        if value <= 0.0:
-            sieve.reject(row, f"{name} is {value:g}: a standard deviation is above 0")
-        elif value < LEAST:
-            sieve.reject(row, f"{name} is {value:g}: nothing is measured to less than {LEAST:g}")
-        elif MOST < value < math.inf:  # infinite: missing
-            sieve.reject(row, f"{name} is {value:g}: what is known no better than {MOST:g} is not measured")
-    return values

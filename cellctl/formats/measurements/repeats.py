@@ -10,17 +10,16 @@ import numpy as np
 
 from cellctl.formats.dataset import Sieve
 from cellctl.formats.measurements._conditions import PAYLOAD_AT
-from cellctl.formats.measurements.kinds import ABC, OF_DISTANCE, OF_ROTATION, PLACE, QUATERNION, SIGMAS, Kind
+from cellctl.formats.measurements.columns import ABC, OF_DISTANCE, OF_ROTATION, QUATERNION, SIGMAS
+from cellctl.formats.measurements.kinds import KINDS, Kind
 from cellctl.kinematics import Floats
 
-POINT_COLUMNS: dict[Kind, str] = {"sphere": "sphere", "plane": "plane", "socket": "socket", "distance": "anchor"}
-"""The column that names a row's point, for each kind that has one."""
-
-_NAMES = ("sphere", "plane", "socket", "anchor", "zero", "session", "time")
+_NAMES = ("zero", "session", "time")
 _NUMBERS = (
-    *PLACE, *ABC, *QUATERNION, "radius", "tip_radius", "drift", "distance", *SIGMAS, OF_ROTATION, OF_DISTANCE,
+    *ABC, *QUATERNION, "radius", "tip_radius", "drift", *SIGMAS, OF_ROTATION, OF_DISTANCE,
     "temperature", "payload", *PAYLOAD_AT,
 )  # fmt: skip
+"""Columns of the cells that make two rows different, besides those of the row kinds."""
 
 _POINT_NUMBERS = 3
 
@@ -53,7 +52,7 @@ def reject_lone(
     for row in lone:
         name, session = points[row]
         where = f" in session '{session}'" if session else ""
-        sieve.reject(row, f"the only row of {POINT_COLUMNS[kinds[row]]} '{name}'{where}: mistyped?")
+        sieve.reject(row, f"the only row of {KINDS[kinds[row]].point} '{name}'{where}: mistyped?")
 
 
 def reject_lone_zeros(sieve: Sieve, zeros: Sequence[str], kept: list[int]) -> None:
@@ -78,15 +77,17 @@ def posture_numbers(readings: Floats) -> list[int]:
 
 def _numbers(kind: Kind) -> int:
     """Count of numbers that a row of this kind gives for its point."""
-    return _POINT_NUMBERS if kind == "socket" else 1
+    return _POINT_NUMBERS if KINDS[kind].rows.at_point else 1
 
 
 def _cells(sieve: Sieve, readings: Floats) -> Floats:
     """The rows' readings and all other cells in use (N, K) as numbers: 2.50 is 2.5, a name is a number for each."""
     data = sieve.data
-    numbers = [*_NUMBERS, *(f"D{number + 1}" for number in range(readings.shape[1]))]
+    points = [kind.point for kind in KINDS.values() if kind.point]
+    measured = {column for kind in KINDS.values() for column in kind.columns}.difference(points)
+    numbers = [*_NUMBERS, *sorted(measured), *(f"D{number + 1}" for number in range(readings.shape[1]))]
     columns = [list(map(_number, data.texts(name))) for name in numbers if data.has(name)]
-    columns += [_numbered(data.texts(name)) for name in _NAMES if data.has(name)]
+    columns += [_numbered(data.texts(name)) for name in (*_NAMES, *dict.fromkeys(points)) if data.has(name)]
     return np.column_stack([readings, *columns]) + 0.0  # -0.0 is 0.0
 
 

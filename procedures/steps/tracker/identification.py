@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from cellctl.calibration import FitResult, PoseRows, Split, State, fit
+from cellctl.calibration import FitResult, Split, State, fit
 from cellctl.calibration.observability.unobservable import SEEN
 from cellctl.devices import MeasuredPoint
 from cellctl.files import InputError, Problem, sha256_of
@@ -69,7 +69,8 @@ def _figures(measured: Measurements, result: FitResult, which: Indices) -> SixFi
 
 
 def _means(measured: Measurements, state: State, which: Indices) -> tuple[tuple[float, ...], float]:
-    blocks = [block for block in measured.task.rows.pick(which).blocks if isinstance(block, PoseRows) and len(block)]
+    rows = measured.task.rows.pick(which)
+    blocks = [block for block in rows.blocks if block.orientations is not None and len(block)]
     if not blocks:
         return (0.0, 0.0, 0.0), 0.0
     six = np.concatenate([block.deviation(state) for block in blocks])

@@ -1,4 +1,4 @@
-"""An effect and a compensation method that nobody knew of work by their entry points alone, from fit to table.
+"""An effect, a compensation method and a row kind that nobody knew of work by their entry points alone.
 
 The package is `calibration_kit`, on the path of the processes and installed nowhere. No line of ours names it.
 """
@@ -66,3 +66,42 @@ def test_the_method_compensates_targets_as_well_as_the_shipped_ones(folder):
     assert done.returncode == 0, done.stderr
     found = json.loads((folder / "figures.json").read_text())
     assert found["method"] == "damped"
+
+
+@pytest.fixture(scope="module")
+def with_heights(folder):
+    """The robot's data with 60 positions and 60 heights, two of these in one posture; one height is far off."""
+    rng = np.random.default_rng(6)
+    readings = arms.drawn(rng, 120)
+    readings[100] = readings[101]
+    places = arms.ElbowArm().tcp(readings) + rng.normal(0.0, 0.01, (120, 3))
+    cells = {name: list(map(str, values)) for name, values in arms.joints_and_places(readings, places).items()}
+    cells["height"] = [""] * 60 + cells["Z"][60:]
+    cells["height"][70] = str(places[70, 2] + 2.0)
+    for axis in "XYZ":
+        cells[axis][60:] = [""] * 60
+    (folder / "heights.csv").write_text(arms.csv_text(cells))
+    return folder
+
+
+def test_rows_of_the_kind_are_fitted_and_judged_with_those_of_cellctl(with_heights):
+    words = ("--model", "geometry", "--json", "fit.json", "--report", "fit.html")
+    done = cellctl(with_heights, "fit", "robot.yaml", "heights.csv", *words)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((with_heights / "fit.json").read_text())
+    assert found["measure"] == "position+height"
+    assert (found["n_test"], found["rejected"]) == (120, [])
+    assert [outlier["line"] for outlier in found["outliers"]] == [72]
+    assert found["fit"]["rms"] < 0.03
+    assert "60 heights" in (with_heights / "fit.html").read_text()
+
+
+def test_without_the_package_the_rows_of_its_kind_are_rejected(with_heights):
+    done = cellctl(with_heights, "fit", "robot.yaml", "heights.csv", "--model", "geometry", kit=False)
+    assert "line 62: not used: X is missing" in done.stderr
+
+
+def test_the_option_measure_knows_the_kind(with_heights):
+    done = cellctl(with_heights, "fit", "robot.yaml", "heights.csv", "--measure", "weight")
+    assert done.returncode == 2
+    assert "position, height" in done.stderr
