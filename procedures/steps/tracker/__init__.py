@@ -17,12 +17,14 @@ from procedures.steps.tracker._proving import (
 )
 from procedures.steps.tracker._warming import warm_up
 from procedures.steps.tracker.comparing import compare
+from procedures.steps.tracker.comparing_methods import compare_methods
 from procedures.steps.tracker.measuring import measure, measure_compensated
 from procedures.steps.tracker.posing import plan, plan_targets
 
 __all__ = [
     "check_reflector",
     "compare",
+    "compare_methods",
     "compensate",
     "correction_off",
     "correction_on",
