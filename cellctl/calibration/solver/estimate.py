@@ -58,11 +58,11 @@ SETTLED = 1e-9
 class Estimate:
     """The outcome of a fit.
 
-    deviations (P,): from the start, in the parameters' units, 0 where not free. covariance (P, P): of the posterior, 0
-    where neither free nor considered beforehand. path (K + 1, P): the deviations at the start and after each step that
-    lowered the cost. triangle (F, F): R of the *data alone* at the solution, columns in
-    tolerances, free parameters only. whitening (F, F): root of what was known beforehand, in the same units. ended: how
-    it ended, in words.
+    deviations (P,): from the start, in the parameters' units, 0 where not free. path (K + 1, P): the deviations of the
+    unknowns that were fitted, at the start and after each step that lowered the cost. covariance (P, P): of the
+    posterior, 0 where neither free nor considered beforehand. triangle (F, F): R of the *data alone* at the solution,
+    columns in tolerances, free parameters only. whitening (F, F): root of what was known beforehand, in the same units.
+    ended: how it ended, in words.
     """
 
     unknowns: Unknowns
