@@ -222,8 +222,9 @@ SECTION = ReportSection(
 {% for text in measured.figures %}<td class="after">{{ text }}</td>{% endfor %}
 <td colspan="5"></td></tr>
 {% endif %}
+<tr><th colspan="9">computed, one pass</th></tr>
 {% for line in lines %}
-<tr><th>computed: {{ line.method }}</th>{% for text in line.figures %}<td>{{ text }}</td>{% endfor %}
+<tr><th>{{ line.method }}</th>{% for text in line.figures %}<td>{{ text }}</td>{% endfor %}
 <td>{{ line.angle }}</td><td>{{ line.passes }}</td><td>{{ line.time }}</td>
 {% for text in line.published %}<td>{{ text }}</td>{% endfor %}</tr>
 {% endfor %}
