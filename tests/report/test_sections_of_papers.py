@@ -102,12 +102,7 @@ def test_the_section_of_methods_has_the_times_of_the_journal_and_the_published_m
         for name, rest in re.findall(r"<tr><th>(\S+) \(\d\)</th>(.*?)</tr>", section, re.DOTALL)
     }
     assert [cells[5] for cells in lines.values()] == ["100", "200", "300", "400"]
-    assert [cells[6] for cells in lines.values()] == [
-        "0.0539, 0.071",
-        "0.0533, 0.070",
-        "0.0584, 0.072",
-        "0.0533, 0.071",
-    ]
+    assert [cells[6] for cells in lines.values()] == ["0.0539", "0.0533", "0.0584", "0.0533"]
     assert "<th>measured</th>" not in section, "no target of this run was measured again"
 
 
