@@ -14,6 +14,7 @@ __all__ = [
     "AnyRow",
     "ArtefactRow",
     "BadRow",
+    "ComputingTimesRow",
     "Figures",
     "IdentificationRow",
     "Json",
@@ -110,6 +111,20 @@ class ArtefactRow(Row):
     name: str
     sha256: str
     size: int
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ComputingTimesRow(Row):
+    """How long each of several computations of a step took on this computer, s: the least of `repeats`.
+
+    A replay makes it again and does not compare it.
+    """
+
+    KIND: ClassVar[str] = "computing times"
+    what: tuple[str, ...]
+    seconds: tuple[float, ...]
+    repeats: int
 
 
 @dataclass(frozen=True)

@@ -169,6 +169,7 @@ class Form(StrEnum):
     PARQUET = "parquet"
     JSONL = "jsonl"
     BLUESKY = "bluesky"
+    FIGURES = "figures"
     ZIP = "zip"
 
 
@@ -178,7 +179,8 @@ def export(
         Form,
         typer.Option(
             "--as",
-            help="csv, parquet: samples. jsonl: events. bluesky: event-model documents. zip: everything of the run.",
+            help="csv, parquet: samples. jsonl: events. bluesky: event-model documents. figures: every picture of the "
+            "report as SVG and PNG, in a zip. zip: everything of the run.",
         ),
     ] = Form.ZIP,
     out: Annotated[
@@ -188,7 +190,8 @@ def export(
     runs: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
-    """Export a run: its samples as CSV or Parquet, its events as JSON lines or bluesky documents, or all in one zip.
+    """Export a run: its samples as CSV or Parquet, its events as JSON lines or bluesky documents, the pictures of its
+    report as SVG and PNG, or all in one zip.
 
     The run may be running, aborted or damaged: what can be read is exported, the rest is named (exit code 2).
 

@@ -1,6 +1,15 @@
 """Reports a run as one self-contained HTML page, built from its folder alone: the same run gives the same bytes."""
 
-from cellctl.report._page import FILE_NAME, ReportSection, Sections, render, report_text, template_text, write_report
+from cellctl.report._page import (
+    FILE_NAME,
+    ReportSection,
+    Sections,
+    render,
+    report_pictures,
+    report_text,
+    template_text,
+    write_report,
+)
 from cellctl.report._run import Run
 from cellctl.report.budget import Contribution, Sigma
 
@@ -12,6 +21,7 @@ __all__ = [
     "Sections",
     "Sigma",
     "render",
+    "report_pictures",
     "report_text",
     "template_text",
     "write_report",

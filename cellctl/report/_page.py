@@ -17,6 +17,7 @@ from cellctl.records import Row
 from cellctl.report._run import Run
 from cellctl.report._summary import summary
 from cellctl.report.budget import FIGURES, Contribution, Sigma
+from cellctl.report.drawing import Picture, collected_pictures
 from cellctl.version import __version__
 
 
@@ -122,6 +123,16 @@ def write_report(run: Path, target: Path | None = None, facts: Mapping[str, Any]
 def report_text(run: Path) -> str:
     """The report of a run (its folder or journal) as HTML. Raises JournalError if the journal cannot be read."""
     return render(Run.load(run))
+
+
+def report_pictures(run: Path) -> list[Picture]:
+    """The pictures of the report of a run (its folder or journal), in their order, as the report draws them.
+
+    Raises JournalError if the journal cannot be read.
+    """
+    with collected_pictures() as found:
+        render(Run.load(run))
+    return found
 
 
 def render(run: Run, sections: Sections | None = None) -> str:

@@ -1,11 +1,14 @@
-"""Pictures as inline SVG: their style, the same bytes for the same figure; histogram and cumulative curve of errors."""
+"""Pictures as inline SVG or files: their style, the same bytes for the same figure; histogram and curve of errors."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Any, TypeAlias, final
 
 import matplotlib
 import numpy as np
@@ -53,6 +56,34 @@ _STYLE: dict[RcKeyType, Any] = {
 }
 
 
+_PNG_DPI = 200
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture of a page as files. name: unique on the page; alt: what it shows."""
+
+    name: str
+    alt: str
+    svg: bytes
+    png: bytes
+
+
+_COLLECTED: ContextVar[list[Picture] | None] = ContextVar("collected pictures", default=None)
+
+
+@contextmanager
+def collected_pictures() -> Iterator[list[Picture]]:
+    """A list to which `svg_of` adds every picture that is drawn meanwhile, in their order."""
+    found: list[Picture] = []
+    before = _COLLECTED.set(found)
+    try:
+        yield found
+    finally:
+        _COLLECTED.reset(before)
+
+
 def svg_of(draw: Callable[[Figure], None], name: str, height: float, alt: str) -> str:
     """What `draw` draws on a figure as wide as the page and `height` inches high, as an inline `<svg>`.
 
@@ -64,7 +95,16 @@ def svg_of(draw: Callable[[Figure], None], name: str, height: float, alt: str) -
         draw(figure)
         stream = io.StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None})
+        if (found := _COLLECTED.get()) is not None:
+            found.append(Picture(name, alt, stream.getvalue().encode(), _png(figure)))
     return _inline(stream.getvalue(), name, alt)
+
+
+def _png(figure: Figure) -> bytes:
+    """White behind it: other programs show a transparent picture on any ground."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_PNG_DPI, facecolor="white", metadata={"Software": None})
+    return stream.getvalue()
 
 
 def millimetres(axes: Axes, which: str = "x") -> None:

@@ -53,11 +53,15 @@ def test_a_small_run_is_better_than_nominal_and_its_replay_is_equal(name: str, t
     assert found["verdict"] == "better"
     journal = fold(read_journal(tmp_path / "runs" / found["run"]))
     assert journal.ended is not None
+    report = (tmp_path / "runs" / found["run"] / "report.html").read_text()
+    assert ('id="sphere-convergence"' in report) == (name == "spherical_constraint")
+    assert ('id="tracker-methods"' in report) == ("method" in FEW[name])
+    assert "cannot be shown" not in report
     compared = journal.last(ComparedModelsRow)
     if name in PAPERS_MODEL:
         assert compared is not None
         assert [each.choice for each in compared.models][:2] == [PAPERS_MODEL[name], "auto"]
-        assert "Models on the same poses" in (tmp_path / "runs" / found["run"] / "report.html").read_text()
+        assert "Models on the same poses" in report
     replayed = cellctl("replay", tmp_path / "runs" / found["run"])
     assert replayed.returncode == 0, replayed.stdout + replayed.stderr
     if "method" in FEW[name]:

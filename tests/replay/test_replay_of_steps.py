@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from cellctl.clock import WallClock
 from cellctl.engine import Engine, Mailbox, Plan, Surround
 from cellctl.files import InputError, load_yaml, sha256_of
-from cellctl.journal import Journal, JournalError, RunStarted, RunState, SourceFile, read_journal
+from cellctl.journal import Journal, JournalError, Recorded, RunStarted, RunState, SourceFile, read_journal
 from cellctl.operations.launch import code_hash, sources, versions
 from cellctl.operations.replay import Agreement, FolderFile, Replay, replay_run
 from cellctl.operations.replay._run import same_within_tolerance
@@ -27,7 +28,7 @@ from cellctl.procedure import (
     load_procedure,
     step,
 )
-from cellctl.records import Row
+from cellctl.records import ComputingTimesRow, Row
 from tests.helpers.engine import FakeDevice
 
 CALLS: list[str] = []
@@ -91,7 +92,17 @@ async def refuse(context: StepContext, inputs: NoInputs) -> None:
     raise ValueError(f"{data} contradicts {context.robot_file} and {context.cell.file}{EXTRA['text']}")
 
 
-REGISTRY = StepRegistry([numbers, measure, total, copy, refuse])
+SECONDS = itertools.count(0.25)
+
+
+@step("own.timed")
+async def timed(context: StepContext, inputs: NoInputs) -> None:
+    """Record how long something took: each time another number."""
+    await context.record(ReadingRow(1.0))
+    await context.record(ComputingTimesRow(what=("sum",), seconds=(next(SECONDS),), repeats=1))
+
+
+REGISTRY = StepRegistry([numbers, measure, total, copy, refuse, timed])
 
 STEPS = """
   - {id: some, do: own.numbers}
@@ -179,6 +190,15 @@ def test_every_computing_step_is_done_again_with_what_it_knew_then_and_no_device
     assert found.changed == ()
     assert len({each.replayed for each in found.artefacts}) == 5, "each saw other rows; the copy is that of the last"
     assert CALLS == []
+
+
+def test_times_that_a_step_took_are_not_compared_and_its_other_rows_are(tmp_path):
+    folder = run(tmp_path, "\n  - {id: timed, do: own.timed}\n")
+    kinds = [entry.event.row_kind for entry in read_journal(folder) if isinstance(entry.event, Recorded)]
+    assert kinds == ["reading", "computing times"]
+    found = replayed(folder)
+    assert found.agreement is Agreement.EXACT
+    assert [each.rows for each in found.steps] == [1]
 
 
 def test_a_run_is_replayed_from_its_journal_alone(tmp_path):

@@ -43,6 +43,7 @@ _FORMS = {
     Form.PARQUET: "samples as Parquet",
     Form.JSONL: "events as JSON lines",
     Form.BLUESKY: "bluesky event-model documents",
+    Form.FIGURES: "pictures of the report as SVG and PNG",
 }
 
 

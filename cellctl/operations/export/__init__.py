@@ -1,4 +1,4 @@
-"""Exports a run for other programs: samples, events, bluesky documents, or everything in one zip."""
+"""Exports a run for other programs: samples, events, bluesky documents, pictures, or everything in one zip."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import final
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, ReadableJournal, RunState, fold, is_being_written, journal_in
 from cellctl.operations.export import archive, events, samples
-from cellctl.report import report_text
+from cellctl.report import report_pictures, report_text
 
 
 @final
@@ -21,6 +21,7 @@ class Form(StrEnum):
     PARQUET = "parquet"
     JSONL = "jsonl"
     BLUESKY = "bluesky"
+    FIGURES = "figures"
     ZIP = "zip"
 
     @property
@@ -31,6 +32,7 @@ class Form(StrEnum):
             Form.PARQUET: "samples.parquet",
             Form.JSONL: "events.jsonl",
             Form.BLUESKY: "bluesky.jsonl",
+            Form.FIGURES: "figures.zip",
             Form.ZIP: "run.zip",
         }[self]
 
@@ -101,6 +103,8 @@ class _Export:
                 return events.event_lines(self._journal).encode()
             case Form.BLUESKY:
                 return self._bluesky().encode()
+            case Form.FIGURES:
+                return self._figures(missing)
             case Form.ZIP:
                 return self._zip(missing)
 
@@ -110,6 +114,16 @@ class _Export:
     def _bluesky(self) -> str:
         alive = is_being_written(self._place)
         return events.bluesky(self._name, self._journal.entries, self._state, alive=alive)
+
+    def _figures(self, missing: list[str]) -> bytes:
+        files = archive.Archive()
+        try:
+            for picture in report_pictures(self._place):
+                files.add(f"{picture.name}.svg", picture.alt, picture.svg)
+                files.add(f"{picture.name}.png", picture.alt, picture.png)
+        except JournalError as error:
+            missing.append(f"figures: {error.what}")
+        return files.to_bytes(lambda found: archive.readme(self._name, found, None, missing))
 
     def _zip(self, missing: list[str]) -> bytes:
         files = archive.Archive()

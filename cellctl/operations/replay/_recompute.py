@@ -28,7 +28,7 @@ from cellctl.journal import (
 )
 from cellctl.procedure import BrokenSteps, Procedure, StepRegistry, UnknownStep, inputs_of, read_procedure
 from cellctl.procedure.model import step_at
-from cellctl.records import ArtefactRow
+from cellctl.records import ArtefactRow, ComputingTimesRow
 
 
 @final
@@ -51,8 +51,8 @@ class Attempt:
 
     @property
     def values(self) -> dict[str, Any]:
-        """Result, failure and rows as JSON, the files left out."""
-        kept = [row for row in self.rows if row.row_kind != ArtefactRow.KIND]
+        """Result, failure and rows as JSON, without files, and without times, which no computer repeats."""
+        kept = [row for row in self.rows if row.row_kind not in (ArtefactRow.KIND, ComputingTimesRow.KIND)]
         failure = self.ended.failure
         value = {
             "outcome": self.ended.outcome.value,

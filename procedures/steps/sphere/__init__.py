@@ -14,6 +14,7 @@ STEPS = (
     StepDescription("sphere.plan", ".touching", "planning touches", PlanInputs, touches_planned),
     StepDescription("sphere.touch", ".touching", "touching spheres"),
     StepDescription("sphere.identify", ".touching", "identifying the robot"),
+    StepDescription("sphere.convergence", ".converging", "following the identification"),
     StepDescription("sphere.plan_proof", "._proving", "planning the proof", PlanProofInputs, touches_located),
     StepDescription("sphere.compensate", "._proving", "compensating targets", CompensateInputs, standoffs_planned),
     StepDescription("sphere.push", "._proving", "pushing the table"),

@@ -149,6 +149,21 @@ class DriftFigures:
 
 
 @final
+@dataclass(frozen=True, kw_only=True)
+class ConvergenceRow(Row):
+    """|residual| of the touches at the nominal robot and after each iteration of the fit (K + 1,): mean and max, mm.
+
+    nominal: with the sphere's centre as the start of the fit has it.
+    """
+
+    KIND: ClassVar[str] = "convergence"
+    fit_mean: tuple[float, ...]
+    fit_max: tuple[float, ...]
+    held_out_mean: tuple[float, ...]
+    held_out_max: tuple[float, ...]
+
+
+@final
 @dataclass(frozen=True)
 class StopFigures:
     """The stops of the searches: travel from contact to rest by the nominal model; telegrams by outcome."""

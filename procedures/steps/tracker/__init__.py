@@ -28,6 +28,7 @@ STEPS = (
     StepDescription("tracker.read_model", "._proving", "reading the model"),
     StepDescription("tracker.register", "._proving", "registering the model"),
     StepDescription("tracker.compensate", "._proving", "compensating targets"),
+    StepDescription("tracker.compare_methods", ".comparing_methods", "comparing methods of compensation"),
     StepDescription("tracker.push", "._proving", "pushing the table"),
     StepDescription("tracker.judge", "._proving", "judging the table"),
     StepDescription("tracker.withdraw", "._proving"),

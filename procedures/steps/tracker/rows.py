@@ -456,6 +456,32 @@ class ComparedModelsRow(Row):
 
 @final
 @dataclass(frozen=True, kw_only=True)
+class ComparedMethod:
+    """What a method of compensation leaves of N targets by the identified robot, computed.
+
+    error_mm, error_deg (N,): distance and angle of the TCP from the target after one pass. passes: until each target
+    converges. converged: number of targets that do.
+    """
+
+    method: str
+    error_mm: tuple[float, ...]
+    error_deg: tuple[float, ...]
+    passes: int
+    converged: int
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ComparedMethodsRow(Row):
+    """Methods of compensation on the N targets of the table, in its order. before_mm (N,): at the nominal joints."""
+
+    KIND: ClassVar[str] = "compared methods"
+    methods: tuple[ComparedMethod, ...]
+    before_mm: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
 class TrackerVerdict(VerdictRow):
     """The verdict on held-out poses; with `targets`, that of the whole campaign.
 
