@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.model.learnt_map import LearntMap, Left
+from cellctl.calibration.model.learnt_map import LearntMap, Residuals
 from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.postures import Postures
 from cellctl.error_maps import _settings
@@ -120,14 +120,14 @@ class KrigingTerm(_MapTerm):
             raise ValueError("weights=initial: the paper has them for six joints; give equal or searched")
         return made
 
-    def learnt(self, left: Left) -> Self:
+    def learnt(self, residuals: Residuals) -> Self:
         """λ by cross-validation, weights by a test set within the rows, then λ again with these weights."""
-        at, errors = checked(inputs(self.settings["space"], left.model.nominal, left.at.q), left.errors)
+        at, errors = checked(inputs(self.settings["space"], residuals.model.nominal, residuals.at.q), residuals.errors)
         method = self._tuned(Kriging(self._initial(at), power=_POWERS[self.settings["semivariogram"]]), at, errors)
         if self._is_searched(at):
             method = self._tuned(replace(method, joint_weights=self._searched(method, at, errors)), at, errors)
         found = method.fit(at, errors)
-        inflation, constant = _sigma_by_folds(self._method_of_fold(method), at, errors, left.stated)
+        inflation, constant = _sigma_by_folds(self._method_of_fold(method), at, errors, residuals.stated)
         return replace(
             self,
             points=at,
@@ -294,10 +294,10 @@ class InverseDistanceTerm(_WithoutSigma):
     def _is_learnt(self) -> bool:
         return bool(self.points.size)
 
-    def learnt(self, left: Left) -> Self:
+    def learnt(self, residuals: Residuals) -> Self:
         """Pitch and power by cross-validation, where they are not given."""
         space, pitch, power, seed = (self.settings[key] for key in ("space", "pitch", "power", "seed"))
-        at, errors = checked(inputs(space, left.model.nominal, left.at.q), left.errors)
+        at, errors = checked(inputs(space, residuals.model.nominal, residuals.at.q), residuals.errors)
         spread = at.std(axis=0)
         unit = np.ones(at.shape[1]) if space == "position" else np.where(spread > 0.0, spread, 1.0)
         candidates = tuned_grid(at / unit).candidates
@@ -383,9 +383,9 @@ class PerceptronTerm(_Trained):
     title: ClassVar[str] = "Perceptron"
     SETTINGS: ClassVar[Settings] = {"space": ("position", one_of(*SPACES)), **_TRAINED}
 
-    def learnt(self, left: Left) -> Self:
+    def learnt(self, residuals: Residuals) -> Self:
         """Trained on the errors of the TCP."""
-        at, errors = checked(inputs(self.settings["space"], left.model.nominal, left.at.q), left.errors)
+        at, errors = checked(inputs(self.settings["space"], residuals.model.nominal, residuals.at.q), residuals.errors)
         return replace(self, **self._trained(at, errors, HIDDEN, ALPHAS))
 
     def fixed_shift(self, nominal: SerialChain, at: Postures) -> Floats | None:
@@ -421,15 +421,15 @@ class NetworkTerm(_Trained):
     title: ClassVar[str] = "Network"
     SETTINGS: ClassVar[Settings] = _TRAINED
 
-    def learnt(self, left: Left) -> Self:
+    def learnt(self, residuals: Residuals) -> Self:
         """Trained on the turns of the joints."""
-        amounts = [left.model.amount(f"flexibility{joint}") for joint in range(1, self.joints + 1)]
+        amounts = [residuals.model.amount(f"flexibility{joint}") for joint in range(1, self.joints + 1)]
         flexibility = tuple(each for each in amounts if each is not None)
-        if flexibility and left.at.currents is not None:
-            labels = -np.array(flexibility) * left.at.currents
+        if flexibility and residuals.at.currents is not None:
+            labels = -np.array(flexibility) * residuals.at.currents
         else:
-            flexibility, labels = (), _least_turns(left.model.chain, left)
-        at, turns = checked(left.at.q, labels)
+            flexibility, labels = (), _least_turns(residuals.model.chain, residuals)
+        at, turns = checked(residuals.at.q, labels)
         return replace(self, flexibility=flexibility, **self._trained(at, turns, NETWORK_HIDDEN, NETWORK_ALPHAS))
 
     def fixed_turns(self, nominal: SerialChain, at: Postures) -> Floats | None:
@@ -442,10 +442,10 @@ class NetworkTerm(_Trained):
         return turns
 
 
-def _least_turns(chain: SerialChain, left: Left) -> Floats:
+def _least_turns(chain: SerialChain, residuals: Residuals) -> Floats:
     """Δθ (N, n), rad, with the least ‖J Δθ − e‖² + (d ‖Δθ‖)²: Jᵀ (JJᵀ + d²I)⁻¹ e, d a share of the reach."""
-    errors = left.errors @ chain.base_now[:3, :3].T
-    arms = np.asarray(chain.tool_jacobian(left.at.q)[:, :3])
+    errors = residuals.errors @ chain.base_now[:3, :3].T
+    arms = np.asarray(chain.tool_jacobian(residuals.at.q)[:, :3])
     square = arms @ np.swapaxes(arms, 1, 2) + (DAMPING * chain.reach_mm) ** 2 * np.eye(3)
     return np.asarray(np.einsum("nij,ni->nj", arms, np.linalg.solve(square, errors[..., None])[..., 0]))
 

@@ -138,7 +138,7 @@ class _Fit:
     @classmethod
     def of(cls, points: Points, inliers: Bools, start: _Shape) -> _Fit:
         mine = points.pick(inliers)
-        together, shape = mine.together(), start
+        together, shape = mine.joint_covariance(), start
         for _ in range(STEPS):
             fit = cls._at(points, inliers, shape, mine.xyz, together)
             rows, residual = whitened(fit.covariance, fit.jacobian, fit.residual)
@@ -358,7 +358,7 @@ def _covariance(circles: tuple[Circle, ...], points: Points) -> Floats:
         gain[6 * index : 6 * index + 6, column : column + sizes[index]] = circle.gain[:6]
         column += sizes[index]
     gain[-3:, -3:] = np.eye(3)
-    return np.asarray(gain @ points.together() @ gain.T)
+    return np.asarray(gain @ points.joint_covariance() @ gain.T)
 
 
 def _frames(values: Floats) -> tuple[Floats, Floats, Floats]:

@@ -70,7 +70,7 @@ class Points:
         beams = beam_directions(self.xyz)[..., 0]
         return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", beams, self.common, beams)))
 
-    def together(self) -> Floats:
+    def joint_covariance(self) -> Floats:
         """Covariance (3N, 3N), mm², of all coordinates: Σ_ij = δ_ij (C_i − K_i) + L_i L_jᵀ.
 
         L_i = B_i √(B_iᵀ K_i B_i), with the beam's directions B_i at point i and its common part K_i.

@@ -96,9 +96,9 @@ def plate_pose(measured: Points, plate: NestPlate, names: tuple[str, ...] = ()) 
     plate. Raises NestMeasuredTwice, NestsSwapped or NestsDoNotFit.
     """
     check_nests(measured, plate, names)
-    rough = rigid_transform(plate.xyz, measured.xyz, measured.together())
+    rough = rigid_transform(plate.xyz, measured.xyz, measured.joint_covariance())
     turn = np.kron(np.eye(len(plate.xyz)), rough.pose.matrix[:3, :3])
-    whole = measured.together() + turn @ plate.covariance @ turn.T
+    whole = measured.joint_covariance() + turn @ plate.covariance @ turn.T
     return rigid_transform(plate.xyz, measured.xyz, whole).pose
 
 
@@ -148,7 +148,7 @@ def _pairs(count: int) -> list[tuple[int, int]]:
 def _differences(measured: Points, plate: NestPlate, pairs: list[tuple[int, int]]) -> tuple[Floats, Floats]:
     """Measured less the plate's distances, and their standard deviations, mm."""
     seen, nominal = _length_rows(measured.xyz, pairs), _length_rows(plate.xyz, pairs)
-    spread = seen @ measured.together() @ seen.T + nominal @ plate.covariance @ nominal.T
+    spread = seen @ measured.joint_covariance() @ seen.T + nominal @ plate.covariance @ nominal.T
     return _lengths(measured.xyz, pairs) - _lengths(plate.xyz, pairs), np.sqrt(np.diag(spread))
 
 

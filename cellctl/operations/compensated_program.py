@@ -21,7 +21,7 @@ from cellctl.operations.program_motions import Part, Program, Written
 
 @final
 @dataclass(frozen=True, slots=True)
-class Left:
+class Unchanged:
     """What stays as it was, and why. line: of the program or (part `dat`) of its data list."""
 
     part: Part
@@ -79,9 +79,9 @@ class CompensatedProgram:
     program: Program
     goals: ProgramGoals
     changed: dict[Key, Changed]
-    left: tuple[Left, ...]
+    left: tuple[Unchanged, ...]
 
-    def file(self, left: Left) -> str:
+    def file(self, left: Unchanged) -> str:
         """The name of the file with the place `left`."""
         return self.program.parts[left.part].name
 
@@ -111,7 +111,7 @@ def compensate_program(
             goals.left[key] = made
         else:
             changed[key] = made
-    return CompensatedProgram(program, goals, changed, tuple(_left(program, goals)))
+    return CompensatedProgram(program, goals, changed, tuple(_unchanged(program, goals)))
 
 
 def _flat(goals: ProgramGoals) -> Iterable[Goal]:
@@ -244,15 +244,15 @@ def _pose(values: dict[str, float]) -> Floats:
     return pose_from_xyz_abc([values[label] for label in "XYZ"], [values[label] for label in "ABC"])
 
 
-def _left(program: Program, goals: ProgramGoals) -> Iterable[Left]:
+def _unchanged(program: Program, goals: ProgramGoals) -> Iterable[Unchanged]:
     """Lines that are not understood, motions without a point of these files, and points that stay."""
     for unknown in program.src.unknown:
-        yield Left("src", unknown.line, "", f"not understood: {unknown.reason}")
+        yield Unchanged("src", unknown.line, "", f"not understood: {unknown.reason}")
     for unknown in program.dat.unknown if program.dat else ():
-        yield Left("dat", unknown.line, "", f"not understood: {unknown.reason}")
+        yield Unchanged("dat", unknown.line, "", f"not understood: {unknown.reason}")
     for move in program.moves:
         if move.fault:
-            yield Left("src", move.line, move.statement.kind, move.fault)
+            yield Unchanged("src", move.line, move.statement.kind, move.fault)
     for key, reason in goals.left.items():
         written = next(each for move in goals.uses[key] for each in move.uses if each.key == key)
-        yield Left(written.part, written.point.line, written.name, reason)
+        yield Unchanged(written.part, written.point.line, written.name, reason)

@@ -168,13 +168,13 @@ def _of_instrument(flange: Floats, xyz: Floats) -> Floats:
         lines[:, :, axis, 9 + axis] = 1.0
     lines[..., 12:] = -flange[..., :3, :3]
     right = flange[..., :3, 3]
-    squares = _left(lines, right, lines, right)
+    squares = _squared_residuals(lines, right, lines, right)
     kept = np.argsort(squares, axis=1)[:, : int(np.ceil(CORE * len(xyz)))]
     near = np.take_along_axis(lines, kept[:, :, None, None], axis=1)
-    return _nearest(_left(near, np.take_along_axis(right, kept[:, :, None], axis=1), lines, right))
+    return _nearest(_squared_residuals(near, np.take_along_axis(right, kept[:, :, None], axis=1), lines, right))
 
 
-def _left(lines: Floats, right: Floats, all_lines: Floats, all_right: Floats) -> Floats:
+def _squared_residuals(lines: Floats, right: Floats, all_lines: Floats, all_right: Floats) -> Floats:
     """Squared residuals (C, N) of all lines for the solution from `lines`."""
     count = len(lines)
     found = least_squares(lines.reshape(count, -1, 15), right.reshape(count, -1))

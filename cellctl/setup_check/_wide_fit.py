@@ -93,13 +93,13 @@ class WideFit:
         nominal = misfit(setup).with_prediction(setup)
         fitted, kept = _fitted(setup, nominal)
         state, tolerance = fitted.state, setup.task.tolerances.link_mm
-        found = cls(nominal.mm, _left(setup, state, kept), nominal.predicted_mm, tolerance)
+        found = cls(nominal.mm, _rms_residual(setup, state, kept), nominal.predicted_mm, tolerance)
         if not found.implausible:
             noise = max(found.left_mm / found.predicted_mm, 1.0)
             return replace(found, wrong_lengths=_wrong_lengths(fitted, noise, tolerance))
         rng = np.random.default_rng(0)
         others = [_shuffled(setup, rng) for _ in range(SHUFFLES)]
-        shuffled = [_left_after_fit(other) for other in others]
+        shuffled = [_rms_after_fit(other) for other in others]
         return replace(found, shuffled_mm=float(np.median(shuffled)), systematic=_predicted_by_joints(setup, state))
 
     @property
@@ -152,14 +152,14 @@ def _as_uncertain(block: Measured, mm: float) -> Measured:
     return block.changed(sigma=block.sigma * max(mm / float(np.median(lengths)), 1.0))
 
 
-def _left(setup: Setup, state: State, kept: list[Any]) -> float:
+def _rms_residual(setup: Setup, state: State, kept: list[Any]) -> float:
     parts = [errors[which] for (errors, _), which in zip(row_errors(setup.task, state), kept, strict=True)]
     return rms(np.concatenate(parts))
 
 
-def _left_after_fit(setup: Setup) -> float:
+def _rms_after_fit(setup: Setup) -> float:
     fitted, kept = _fitted(setup, misfit(setup).with_prediction(setup))
-    return _left(setup, fitted.state, kept)
+    return _rms_residual(setup, fitted.state, kept)
 
 
 def _shuffled(setup: Setup, rng: np.random.Generator) -> Setup:

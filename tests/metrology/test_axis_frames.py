@@ -48,7 +48,7 @@ def measured(rng, chain, common=0.0, noise=1.0):
     shared = beams @ np.diag([(noise * common) ** 2, 0.0, 0.0]) @ np.swapaxes(beams, 1, 2)
     whole = shared + beams @ np.diag((noise * np.array([0.05, 0.01, 0.01])) ** 2) @ np.swapaxes(beams, 1, 2)
     points = Points.of(xyz, whole, shared)
-    seen = xyz + rng.multivariate_normal(np.zeros(xyz.size), points.together()).reshape(-1, 3)
+    seen = xyz + rng.multivariate_normal(np.zeros(xyz.size), points.joint_covariance()).reshape(-1, 3)
     points = Points.of(seen, whole, shared)
     turns = [
         Turn(points.pick(slice(11 * place, 11 * place + 11)), q[:, joint])

@@ -30,7 +30,7 @@ def instrument(xyz, along=0.05, across=0.02, common=0.0):
 
 def noisy(rng, xyz, common=0.0):
     covariance, shared = instrument(xyz, common=common)
-    joint = Points.of(xyz, covariance, shared).together()
+    joint = Points.of(xyz, covariance, shared).joint_covariance()
     return Points.of(xyz + rng.multivariate_normal(np.zeros(3 * len(xyz)), joint).reshape(-1, 3), covariance, shared)
 
 

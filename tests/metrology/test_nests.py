@@ -22,7 +22,7 @@ def station(xyz, rng=None, along=0.03, across=0.01, common=0.2):
     points = Points.of(xyz, whole, shared)
     if rng is None:
         return points
-    seen = xyz + rng.multivariate_normal(np.zeros(xyz.size), points.together()).reshape(-1, 3)
+    seen = xyz + rng.multivariate_normal(np.zeros(xyz.size), points.joint_covariance()).reshape(-1, 3)
     return Points.of(seen, whole, shared)
 
 

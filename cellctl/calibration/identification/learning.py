@@ -8,7 +8,7 @@ from typing import ClassVar, Self, final
 import numpy as np
 
 from cellctl.calibration.model.effect import Effect, EffectInputs
-from cellctl.calibration.model.learnt_map import LearntMap, Left
+from cellctl.calibration.model.learnt_map import LearntMap, Residuals
 from cellctl.calibration.model.parameter import MM, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.robot_model import RobotModel
@@ -57,7 +57,7 @@ def with_maps(found: Estimate, rows: RowBlocks) -> Estimate:
     """
     for place, effect in enumerate(found.state.model.effects):
         if isinstance(effect, LearntMap):
-            found = _with_map(found, place, effect.learnt(_left(found, rows)))
+            found = _with_map(found, place, effect.learnt(_residuals(found, rows)))
     return found
 
 
@@ -78,7 +78,7 @@ def _shifted(state: State, along: Floats) -> State:
     return replace(state, models=tuple(models))
 
 
-def _left(found: Estimate, rows: RowBlocks) -> Left:
+def _residuals(found: Estimate, rows: RowBlocks) -> Residuals:
     """What `found` leaves at those of `rows` in which an instrument measures a point."""
     model = found.state.model
     parts = [_of_block(found.state, block) for block in rows.blocks if len(block) and block.of_instrument]
@@ -87,7 +87,9 @@ def _left(found: Estimate, rows: RowBlocks) -> Left:
     noise = np.concatenate([np.zeros((0, 3)), *(variance for _, _, variance in parts)])
     columns = np.swapaxes(model.chain.base_now[:3, :3].T @ model.jacobian(at)[:, :3], 1, 2)
     covariance = found.covariance[: found.unknowns.robot, : found.unknowns.robot]
-    return Left(model, at, errors, noise + np.einsum("npa,pq,nqa->na", columns, covariance, columns, optimize=True))
+    return Residuals(
+        model, at, errors, noise + np.einsum("npa,pq,nqa->na", columns, covariance, columns, optimize=True)
+    )
 
 
 def _of_block(state: State, block: Measured) -> tuple[Postures, Floats, Floats]:

@@ -26,7 +26,7 @@ from cellctl.kinematics import Floats
 
 @final
 @dataclass(frozen=True, eq=False)
-class Left:
+class Residuals:
     """What an identified model leaves at N rows.
 
     model: with all terms but the map. at: the rows' postures and conditions. errors (N, 3): actual − model, mm, of the
@@ -58,7 +58,7 @@ class LearntMap(ResidualModel):
         """
 
     @abstractmethod
-    def learnt(self, left: Left) -> Self:
+    def learnt(self, residuals: Residuals) -> Self:
         """The same with its content, from these rows alone. Raises ValueError for rows that make no map."""
 
     @classmethod

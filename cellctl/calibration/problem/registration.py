@@ -97,12 +97,12 @@ def base_and_tool(flange: Floats, measured: Floats, taught: Floats, taught_mm: f
     everywhere = np.eye(3)
     base, tool = _refined(flange, measured, taught[:3, 3], everywhere)
     other = _refined(flange, measured, _relaxed_tool(flange, measured), everywhere)
-    if _left(flange, measured, *other) < PREFERRED * _left(flange, measured, base, tool):
+    if _sum_of_squares(flange, measured, *other) < PREFERRED * _sum_of_squares(flange, measured, base, tool):
         base, tool = other
     known = _known_directions(flange, measured, base, tool, taught_mm)
     if known.shape[1] < 3:
         held = _refined(flange, measured, taught[:3, 3], known)
-        if _left(flange, measured, *held) <= AS_WELL * _left(flange, measured, base, tool):
+        if _sum_of_squares(flange, measured, *held) <= AS_WELL * _sum_of_squares(flange, measured, base, tool):
             base, tool = held
     return base, pose(taught[:3, :3], tool)
 
@@ -197,7 +197,7 @@ def _tips(flange: Floats, base: Floats, tool: Floats) -> Floats:
     return np.asarray((flange[:, :3, :3] @ tool + flange[:, :3, 3]) @ base[:3, :3].T + base[:3, 3])
 
 
-def _left(flange: Floats, measured: Floats, base: Floats, tool: Floats) -> float:
+def _sum_of_squares(flange: Floats, measured: Floats, base: Floats, tool: Floats) -> float:
     return float(np.sum((_tips(flange, base, tool) - measured) ** 2))
 
 
