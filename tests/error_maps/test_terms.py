@@ -10,7 +10,7 @@ import yaml
 from numpy.testing import assert_allclose
 
 from cellctl.calibration import Postures, RobotModel, Split, fit
-from cellctl.calibration.model.learnt_map import Left, learnt_maps
+from cellctl.calibration.model.learnt_map import Residuals, learnt_maps
 from cellctl.compensation import compensate
 from cellctl.compensation.online import online_arrays
 from cellctl.error_maps.terms import KrigingTerm
@@ -152,7 +152,7 @@ def test_a_prediction_says_none_where_there_is_no_sigma():
 def test_targets_are_compensated_with_the_map(method, measured):
     q, errors = measured(150, 1)
     controller = RobotFile.load(arms.KR5_FILE).chain()
-    left = Left(RobotModel(controller), Postures(q), errors, np.full(errors.shape, 1e-4))
+    left = Residuals(RobotModel(controller), Postures(q), errors, np.full(errors.shape, 1e-4))
     model = RobotModel(controller, (KrigingTerm.of_options("weights=equal", 6).learnt(left),))
     at, true = measured(40, 2)
     targets = controller.forward(at)
