@@ -21,5 +21,5 @@ def test_the_example_is_understood_and_its_robot_becomes_better(tmp_path) -> Non
     (folder / record.data).write_bytes(analyses.EXAMPLE.read_bytes())
     analyses.set_robot(folder, analyses.EXAMPLE_ROBOT)
     found = analyses.understand_analysis(folder)
-    assert (found["usable"], found["problems"], found["doubt"]) == (100, (), "")
+    assert (found["usable"], found["problems"], found["doubt"]) == (100, [], "")
     assert analyses.fit_analysis(folder, analyses.FitSettings(model="geometry")).verdict == "better"
