@@ -19,8 +19,8 @@ COMPUTED = {
 }
 """Tag of a paper → the module here that has its `PAPER`."""
 
-TAGS = [*COMPUTED, "sph-run", "cmp-run", "krg-run"]
-"""Each paper by computation, and campaigns over the wires (`over_the_wires`)."""
+TAGS = [*COMPUTED, *(f"{tag}-run" for tag in COMPUTED)]
+"""Each paper by computation, and its campaign over the wires (`over_the_wires`)."""
 
 SIGNIFICANT = 6
 

@@ -23,6 +23,7 @@ CAMPAIGNS = {
     "sph": "spherical_constraint",
     "cmp": "compensation_methods",
     "krg": "configuration_space_kriging",
+    "ann": "point_selection",
 }
 
 
@@ -106,8 +107,20 @@ KRG = (
     Ordering("ours < the paper's kriging", "–", "auto_mean", "held_out_after_mean"),
     Ordering("predicted < after compensation, largest", "0.172 < 0.28", "held_out_after_max", "targets_after_max"),
 )
+ANN = (
+    *_held_out(("5.12", "1.23"), ("–", "–")),
+    *_targets("1.23", "–"),
+    _model("`auto`", "auto"),
+    _model("`geometry`", "geometry"),
+    _model("`poe`", "poe", "1.81"),
+    _model("`poe+motor`", "poe+motor"),
+    _model("`poe+network`", "poe+network"),
+    Ordering("POE, currents and network < POE alone", "1.23 < 1.81", "held_out_after_mean", "poe_mean", 4),
+    Ordering("ours < the paper's model", "–", "auto_mean", "held_out_after_mean", 4),
+)
 PAPERS = {
     "sph-run": _paper("sph", *_held_out(("1.923", "0.383"), ("4.715", "1.153"), "held-out touches")),
     "cmp-run": _paper("cmp", *_held_out(("–", "–"), ("–", "–")), *_targets("0.0539", "–")),
     "krg-run": _paper("krg", *KRG),
+    "ann-run": _paper("ann", *ANN),
 }
