@@ -84,13 +84,13 @@ class Comparison:
     the first is `auto`; report: what `cellctl fit --compare --json` writes.
     """
 
-    found: ComparedFits
-    given: FitInput
+    _found: ComparedFits
+    _given: FitInput
 
     @property
     def sentence(self) -> str:
         """Which model leaves the least, and whether surely less than the first."""
-        return self.found.sentence
+        return self._found.sentence
 
     @property
     def models(self) -> list[dict[str, Any]]:
@@ -100,17 +100,17 @@ class Comparison:
     @property
     def report(self) -> dict[str, Any]:
         """The comparison as JSON."""
-        return self.found.report()
+        return self._found.report()
 
     def page(self, path: str | Path | None = None) -> str:
         """The comparison as an HTML page, written to `path` if given. Raises OSError."""
-        text = compared_page(self.found, self.given.robot.name, self.given.sources)
+        text = compared_page(self._found, self._given.robot.name, self._given.sources)
         if path is not None:
             write_atomically(Path(path), text)
         return text
 
     def __repr__(self) -> str:
-        return f"<cellctl comparison of {len(self.found.models)} models: {self.sentence}>"
+        return f"<cellctl comparison of {len(self._found.models)} models: {self.sentence}>"
 
 
 def compare(

@@ -30,7 +30,7 @@ not.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, final
 
@@ -58,16 +58,14 @@ SETTLED = 1e-9
 class Estimate:
     """The outcome of a fit.
 
-    deviations (P,): from the start, in the parameters' units, 0 where not free. path (K + 1, P): the deviations of the
-    unknowns that were fitted, at the start and after each step that lowered the cost. covariance (P, P): of the
-    posterior, 0 where neither free nor considered beforehand. triangle (F, F): R of the *data alone* at the solution,
-    columns in tolerances, free parameters only. whitening (F, F): root of what was known beforehand, in the same units.
-    ended: how it ended, in words.
+    deviations (P,): from the start, in the parameters' units, 0 where not free. covariance (P, P): of the posterior, 0
+    where neither free nor considered beforehand. triangle (F, F): R of the *data alone* at the solution, columns in
+    tolerances, free parameters only. whitening (F, F): root of what was known beforehand, in the same units. ended: how
+    it ended, in words.
     """
 
     unknowns: Unknowns
     deviations: Floats
-    path: Floats
     covariance: Floats
     triangle: Floats
     whitening: Floats
@@ -155,16 +153,23 @@ class _Problem:
         return np.asarray(-solve_triangular(root, right, check_finite=False)), float(along @ along)
 
 
-def estimate(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = None) -> Estimate:
+def estimate(
+    unknowns: Unknowns,
+    blocks: Sequence[Rows],
+    begin: Floats | None = None,
+    follow: Callable[[Floats], None] | None = None,
+) -> Estimate:
     """Fit the free unknowns to `blocks`, from where they are expected, or from deviations `begin` (P,).
 
-    Always ends; `ended` reports whether it converged.
+    Always ends; `ended` reports whether it converged. follow: is called with the deviations (P,) at the start and after
+    each step that lowers the cost.
     """
     problem = _Problem.of(unknowns, blocks)
     x = np.zeros(problem.free.size) if begin is None else begin[problem.free] / problem.scale
     damping, ended, converged = 0.0, "", False
     cost, iteration, folded = problem.cost(x), 0, None
-    path = [x]
+    if follow:
+        follow(problem.deviations(x))
     for iteration in range(1, ITERATIONS + 1):
         folded = problem.fold(x, problem.free, problem.scale) if folded is None else folded
         step, promise = problem.step(folded[:, :-1], folded[:, -1], x, damping) if x.size else (x, 0.0)
@@ -175,7 +180,8 @@ def estimate(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = 
         new_cost = problem.cost(tried)
         if new_cost < cost:
             x, cost, folded = tried, new_cost, None
-            path.append(x)
+            if follow:
+                follow(problem.deviations(x))
             damping = damping * 0.1 if damping > 1e-9 else 0.0
         elif damping < 1e6:
             damping = max(damping * 10.0, 1e-9)
@@ -188,7 +194,6 @@ def estimate(unknowns: Unknowns, blocks: Sequence[Rows], begin: Floats | None = 
     return Estimate(
         unknowns=unknowns,
         deviations=problem.deviations(x),
-        path=np.array([problem.deviations(each) for each in path]),
         covariance=_covariance(problem, x, triangle),
         triangle=triangle,
         whitening=problem.whitening,

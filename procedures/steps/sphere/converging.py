@@ -37,7 +37,8 @@ def _convergence(context: StepContext, inputs: IdentifyInputs) -> ConvergenceRow
     used, held_out = measured.task.rows.pick(list(found.used)), measured.task.rows.pick(split.judged[0][1])
     # the last fit of the identification, with its inliers, noise and priors; it may have begun from an earlier fit
     unknowns = found.identified.unknowns
-    path = estimate(unknowns, [*used.noisier(found.noise).blocks, *certified_rows(measured.task)]).path
+    path: list[Floats] = []
+    estimate(unknowns, [*used.noisier(found.noise).blocks, *certified_rows(measured.task)], follow=path.append)
 
     def errors(rows: RowBlocks) -> list[Floats]:
         return [np.abs(rows.errors(unknowns.state(deviations))) for deviations in path]
