@@ -20,7 +20,6 @@ from cellctl.formats import DataSet, ModelFile
 from cellctl.formats.table import JOINT_DECIMALS
 from cellctl.formats.table_making import mean_rms_max, row_figures, sigma_among_rows
 from cellctl.formats.targets import Targets, read_targets
-from cellctl.operations.compensated_program import CompensatedProgram
 from cellctl.operations.compensating import (
     Accuracy,
     CellRobot,
@@ -31,16 +30,17 @@ from cellctl.operations.compensating import (
     controller_of_model,
     refuse_other_cell,
 )
-from cellctl.operations.program_compensation import (
+from cellctl.operations.programs import (
+    CompensatedProgram,
     ProgramFigures,
-    ProgramFiles,
     ProgramOptions,
     compensate_files,
     is_new_folder,
     is_program,
+    program_files,
     refuse_method,
 )
-from cellctl.operations.program_paths import Path as ProgramPath
+from cellctl.operations.programs import Path as ProgramPath
 from cellctl.operations.results import as_json
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ def compensate_program(
     ends with code 1 if some cannot.
     """
     refuse_method(method)
-    files = ProgramFiles.of(program, options.config)
+    files = program_files(program, options.config)
     outputs = files.outputs(out) if out else {}
     new = out if out and is_new_folder(out) else None
     written = {} if new else {f"--out ({part})": path for part, path in outputs.items()}
@@ -238,7 +238,7 @@ def compensate_program(
     if new:
         new.mkdir(exist_ok=True)
     for part, path in outputs.items():
-        write_atomically(path, texts["src" if part == "src" else "dat"])
+        write_atomically(path, texts[part])
     figures = found.figures(list(outputs.values()))
     if json_ != "-":
         for line in words_of(found.program, found.paths, figures):
@@ -254,7 +254,7 @@ def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: P
     """The lines for the terminal."""
     shift, turned, before, after = (figures.correction_mm, figures.correction_deg, figures.before_mm, figures.after_mm)
     made, left = _count(figures.compensated, "point"), _count(len(found.left), "place")
-    yield f"{found.program.src.name}: {made} compensated for a {figures.robot}, {left} left unchanged."
+    yield f"{found.program.name}: {made} compensated for a {figures.robot}, {left} left unchanged."
     yield (
         f"The points shift by {shift['mean']:.3f} mm (mean; max {shift['max']:.3f}), "
         f"joints by up to {turned['max']:.3f}°.\n"
@@ -264,7 +264,7 @@ def words_of(found: CompensatedProgram, paths: Sequence[ProgramPath], figures: P
     yield from _path_words(paths, figures.path_tolerance_mm)
     for changed in found.changed.values():
         if changed.turn:
-            yield f"{changed.written.name}: T {changed.turn[0]} becomes {changed.turn[1]}, as a joint crosses 0."
+            yield f"{changed.point.title}: T {changed.turn[0]} becomes {changed.turn[1]}, as a joint crosses 0."
     if found.left:
         yield "Left as it was:"
     for one in found.left[:SHOWN]:
@@ -297,7 +297,7 @@ def _path_words(paths: Sequence[ProgramPath], tolerance: float) -> Iterator[str]
         )
     listed = [path for path in paths if path.reason or path.remarks or not path.final_mm <= tolerance or path.between]
     for path in listed[:SHOWN]:
-        yield f"  line {path.move.line} {path.move.statement.kind}: {_path_state(path, tolerance)}"
+        yield f"  line {path.move.line} {path.move.written_kind}: {_path_state(path, tolerance)}"
     if len(listed) > SHOWN:
         yield f"  … and {len(listed) - SHOWN} more (--json FILE has all)"
 

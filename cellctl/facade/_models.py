@@ -34,7 +34,7 @@ from cellctl.operations.compensating import compare_methods
 from cellctl.operations.exporting import ExportOptions, exported, model_source
 from cellctl.operations.fitting import Fitted
 from cellctl.operations.predicting import Predicted, predict_rows
-from cellctl.operations.program_compensation import ProgramOptions
+from cellctl.operations.programs import ProgramOptions
 from cellctl.operations.results import as_json
 from cellctl.report.figures import fit_lines
 

@@ -44,12 +44,13 @@ from cellctl.operations.compensating import (
     refuse_other_cell,
     try_targets,
 )
-from cellctl.operations.program_compensation import (
+from cellctl.operations.programs import (
     CompensatedFiles,
     ProgramFiles,
     ProgramOptions,
     compensate_files,
     is_new_folder,
+    program_files,
     refuse_method,
 )
 from cellctl.operations.results import as_json
@@ -313,7 +314,7 @@ class CompensatedProgram:
     ) -> Self:
         """See `Model.compensate_program`."""
         refuse_method(method)
-        files = ProgramFiles.of(program, options.config)
+        files = program_files(program, options.config)
         place = CellRobot.load(shipped_file("cell", Path(cell))) if cell is not None else None
         found = compensate_files(model, name, files, method, options, place)
         return cls(files, as_json(found.figures()), found)
@@ -323,12 +324,12 @@ class CompensatedProgram:
         """How many points are compensated, and how many places are not."""
         made, left = self.report["compensated"], len(self.report["left"])
         points, places = "point" if made == 1 else "points", "place" if left == 1 else "places"
-        return f"{self.files.src.name}: {made} {points} compensated, {left} {places} left unchanged"
+        return f"{self.files.main.name}: {made} {points} compensated, {left} {places} left unchanged"
 
     @property
     def texts(self) -> dict[str, bytes]:
         """The changed files: `src`, and `dat` where the program has a data list."""
-        return {part: text for part, text in self._found.texts().items() if part in ("src", "dat")}
+        return self._found.texts()
 
     def save(self, out: str | Path) -> list[Path]:
         """Write the changed files into a folder, or as a `.src` with its data list; returns their paths.

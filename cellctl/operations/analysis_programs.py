@@ -14,7 +14,7 @@ from cellctl.formats.table_making import row_figures
 from cellctl.formats.targets import read_targets
 from cellctl.operations.analyses import MODEL, inside, write_json
 from cellctl.operations.compensating import compensate_targets
-from cellctl.operations.program_compensation import ProgramFiles, ProgramOptions, compensate_files, is_program
+from cellctl.operations.programs import ProgramOptions, compensate_files, is_program, program_files
 from cellctl.operations.results import as_json
 from cellctl.pendant_import import choices, imported_targets
 
@@ -78,7 +78,7 @@ def _parts(request: ProgramRequest) -> tuple[Path | None, Path]:
 
 
 def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest, out: Path) -> dict[str, Any]:
-    files = ProgramFiles.of(src, config)
+    files = program_files(src, config)
     options = ProgramOptions(config, request.tool or None, request.base or None, None, request.insert, request.arm_only)
     made = compensate_files(model, MODEL, files, "pseudo-target", options, None)
     paths = files.outputs(out)

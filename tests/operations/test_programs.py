@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from cellctl.files import InputError
 from cellctl.krl import KrlFile
-from cellctl.operations.compensated_program import CompensatedProgram, compensate_program
-from cellctl.operations.program_compensation import ProgramFiles, ProgramOptions, compensate_files
-from cellctl.operations.program_goals import ProgramGoals, ProgramRobots
-from cellctl.operations.program_motions import Program
-from cellctl.operations.program_paths import program_paths, program_text, with_points_between
+from cellctl.operations.programs import CompensatedProgram, ProgramOptions, compensate_files, program_files
+from cellctl.operations.programs._compensated import compensate_program
+from cellctl.operations.programs._goals import ProgramGoals, ProgramRobots
+from cellctl.operations.programs._krl import KrlProgram
+from cellctl.operations.programs._krl_motions import KrlMotions
+from cellctl.operations.programs._paths import program_paths, program_texts, with_points_between
 from tests.helpers.arms import KR5_ERRORS, Floats, kr5_model
 from tests.helpers.krl import TABLE, TORCH
 from tests.helpers.own_model import kr5, pose_of, six_of, small_motion
@@ -59,14 +60,15 @@ def aggregate(values: Floats | tuple[float, ...]) -> str:
     return "{" + ",".join(f"{label} {value:.9f}" for label, value in zip("XYZABC", values, strict=True)) + "}"
 
 
-def program(motions: str = MOTIONS, *data: str, **stated: tuple[float, ...]) -> Program:
+def program(motions: str = MOTIONS, *data: str, **stated: tuple[float, ...]) -> KrlProgram:
     points = [f"DECL E6POS X{name}={aggregate(values)}" for name, values in POINTS.items()]
     texts = {
         "part.src": f"DEF PART()\n{motions}END\n",
         "part.dat": "\n".join(["DEFDAT PART", *points, *data, "ENDDAT", ""]),
         "$config.dat": f"DEFDAT $CONFIG\nTOOL_DATA[1]={aggregate(TORCH)}\nBASE_DATA[2]={aggregate(TABLE)}\nENDDAT\n",
     }
-    return Program(*(KrlFile.parse(text.encode(), name) for name, text in texts.items()), **stated)
+    read = [KrlFile.parse(text.encode(), name) for name, text in texts.items()]
+    return KrlProgram(KrlMotions(*read, **stated))
 
 
 def compensated(motions: str = MOTIONS) -> CompensatedProgram:
@@ -96,7 +98,7 @@ def test_motions_have_their_kind_points_tool_and_base_and_a_start_where_it_is_ce
     assert [point.name for point in moves[2].uses] == ["XP3", "XP4"]
     assert {each.tool.numbers for each in moves} == {TORCH}
     assert {each.base.numbers for each in moves} == {TABLE}
-    assert {(each.orientation, each.circle, each.fault) for each in moves} == {("#VAR", "#BASE", "")}
+    assert {(each.other_way, each.fault) for each in moves} == {("", "")}
     starts = {"WAIT SEC 1": 0, "PULSE($OUT[1],TRUE,0.1)": 0, "AGAIN:": None, "GRIPPER(1)": None, "LOOP\nENDLOOP": None}
     assert {each: program(f"PTP XP1\n{each}\nLIN XP2\n").moves[1].start for each in starts} == starts
 
@@ -132,19 +134,18 @@ def test_the_orientation_in_force_is_that_of_the_last_assignment_or_ldat() -> No
     lines = ["LIN XP1", "$ORI_TYPE=#CONSTANT", "LIN XP1", "LDAT_ACT=LCP", "BAS(#CP_PARAMS,2)", "LIN XP1"]
     lines += ["BAS(#INITMOV,0)", "LIN XP1", "SLIN XP1 WITH $ORI_TYPE=#JOINT", "LIN XP1", "$ORI_TYPE=SOME()", "LIN XP1"]
     moves = program("\n".join([*lines, ""]), data).moves
-    modes = ["#VAR", "#CONSTANT", "#JOINT", "#VAR", "#JOINT", "#VAR", "not certain"]
-    assert [each.orientation for each in moves] == modes
-    assert [each.circle for each in moves] == ["#BASE", "#BASE", "#PATH", *["#BASE"] * 4]
+    modes = ["", "#CONSTANT, #BASE", "#JOINT, #PATH", "", "#JOINT, #BASE", "", "not certain, #BASE"]
+    assert [each.other_way.partition("here ")[2] for each in moves] == modes
 
 
 def test_goals_are_base_times_point_and_their_joints_put_the_tool_there() -> None:
     found = ProgramGoals(program(), ROBOTS)
-    by_name = {each.written.name: each for goals in found.goals.values() for each in goals}
+    by_name = {each.point.name: each for goals in found.goals.values() for each in goals}
     assert set(by_name) == {"XP1", "XP2", "XP3", "XP4"}
     for name, goal in by_name.items():
         assert goal.pose == pytest.approx(wanted(name[1:]), abs=1e-8)
         assert kr5().poses(goal.q[None])[0] == pytest.approx(goal.pose, abs=1e-5)
-    assert by_name["XP3"].gives == ("X", "Y", "Z"), "the orientation of an auxiliary point is not used"
+    assert by_name["XP3"].gives == "place", "the orientation of an auxiliary point is not used"
     line = found.segments[1].poses([0.25])[0]
     assert line == pytest.approx(on_line(wanted("P1"), wanted("P2"), np.array([0.25]))[0], abs=1e-8)
 
@@ -176,8 +177,10 @@ def test_with_the_new_numbers_the_true_robot_is_where_the_program_wanted_it() ->
     found = compensated()
     assert not found.left
     for each in found.changed.values():
-        name = each.written.name[1:]
-        new = each.written.point.values | {label: float(text) for label, text in each.numbers.items()}
+        name = each.point.name[1:]
+        assert each.point.position is not None
+        old = dict(zip("XYZABC", each.point.position, strict=True))
+        new = old | {label: float(text) for label, text in each.numbers.items()}
         sent = BASE @ frame([new[label] for label in "XYZABC"])
         if name == "P3":  # its orientation on the way is that of the circle's ends
             sent[:3, :3] = each.parts[0].sent[:3, :3]
@@ -201,7 +204,7 @@ def test_the_deviation_of_a_line_is_bounded_before_and_after_and_inserted_points
     found = compensated()
     line, circle = program_paths(found)
     assert (line.reason, circle.reason, line.remarks) == ("", "", ())
-    sent = {each.written.name: each.parts[0].sent for each in found.changed.values()}
+    sent = {each.point.name: each.parts[0].sent for each in found.changed.values()}
     new, old = [sent["XP1"], sent["XP2"]], [wanted("P1"), wanted("P2")]
     largest = deviation(new)
     assert 0.005 < largest <= line.bound_mm + 1e-6
@@ -211,7 +214,7 @@ def test_the_deviation_of_a_line_is_bounded_before_and_after_and_inserted_points
     assert with_points_between(found, line, 2.0 * line.bound_mm).between is None
     assert parted.between is not None
     assert parted.final_mm <= 0.4 * largest
-    lines = program_text(found, [parted, circle])["src"].decode().splitlines()
+    lines = program_texts(found, [parted, circle])["src"].decode().splitlines()
     places = [re.fullmatch(r"LIN \{(.*)\} C_DIS", text) for text in lines]
     inserted = [BASE @ frame([float(part.split()[1]) for part in place[1].split(",")]) for place in places if place]
     assert len(inserted) == len(parted.between.sent) - 1 >= 1
@@ -231,9 +234,9 @@ def test_a_path_that_is_not_judged_has_its_reason() -> None:
 
 
 def test_compensated_files_have_the_figures_of_their_points_and_paths(tmp_path: Path) -> None:
-    for file in program().parts.values():
+    for file in program().read.parts.values():
         (tmp_path / file.name).write_bytes(file.data)
-    files = ProgramFiles.of(tmp_path / "part.src", None)
+    files = program_files(tmp_path / "part.src", None)
     words = {"tool": ",".join(map(str, TORCH)), "base": ",".join(map(str, TABLE))}
     made = compensate_files(kr5_model(), "m.json", files, "pseudo-target", ProgramOptions(**words), None)
     figures = made.figures([tmp_path / "out.src"])

@@ -1,7 +1,8 @@
 """The papers' campaigns as a user runs them, over the wires of their simulated cells, for several robots (seeds).
 
-What these say that the computations do not: the robot's way, the time, the table in force. Run folders stay in
-`runs/studies/CODE/papers/TAG-SEED`.
+What these say that the computations do not: the robot's way, the time, the table in force: the paper's, and for two of
+the papers that of `auto` on the same robot. Run folders stay in `runs/studies/CODE/papers/TAG-SEED` and
+`TAG-auto-SEED`.
 """
 
 from __future__ import annotations
@@ -27,14 +28,30 @@ CAMPAIGNS = {
 }
 
 
+BY_AUTO = {"krg", "ann"}
+"""The papers with a model of their own: their campaigns run again with `model=auto`."""
+
+
 def study(tag: str, seed: int) -> Numbers:
     """Held-out rows and targets before and after, mm, and the mean of each model that was compared."""
-    run = finished_run(ROWS / "papers" / f"{tag}-{seed}", FOLDER / f"{CAMPAIGNS[tag]}.yaml", "--seed", str(seed))
-    journal = fold(read_journal(run))
+    journal = _journal(tag, tag, seed)
     if tag == "sph":
         return _errors("held_out", journal.recorded(SphereVerdict)[-1])
+    found = _of_targets(journal) | _compared(journal)
+    if tag in BY_AUTO:
+        by_auto = _of_targets(_journal(tag, f"{tag}-auto", seed, "--set", "model=auto"))
+        found |= {f"by_auto_{key}": value for key, value in by_auto.items()}
+    return found
+
+
+def _journal(tag: str, name: str, seed: int, *options: str) -> RunState:
+    campaign = FOLDER / f"{CAMPAIGNS[tag]}.yaml"
+    return fold(read_journal(finished_run(ROWS / "papers" / f"{name}-{seed}", campaign, "--seed", str(seed), *options)))
+
+
+def _of_targets(journal: RunState) -> Numbers:
     verdict = journal.recorded(TrackerVerdict)[-1]
-    return _errors("held_out", verdict.held_out) | _errors("targets", verdict.targets) | _compared(journal)
+    return _errors("held_out", verdict.held_out) | _errors("targets", verdict.targets)
 
 
 def _errors(name: str, figures: Any) -> Numbers:
@@ -85,6 +102,16 @@ def _targets(mean: str, largest: str) -> tuple[Figure, ...]:
     )
 
 
+BY_AUTO_IN_FORCE = (
+    Figure("`auto` in force instead, targets, mean, mm", "–", "by_auto_targets_after_mean"),
+    Figure("the same: largest, mm", "–", "by_auto_targets_after_max"),
+    Ordering(
+        "table of `auto` < the paper's, targets, mean", "–", "by_auto_targets_after_mean", "targets_after_mean", 4
+    ),
+    Ordering("the same, largest", "–", "by_auto_targets_after_max", "targets_after_max", 4),
+)
+
+
 def _model(text: str, key: str, paper: str = "–") -> Figure:
     return Figure(f"{text}, same poses: mean of the held-out ones, mm", paper, f"{key}_mean")
 
@@ -92,6 +119,7 @@ def _model(text: str, key: str, paper: str = "–") -> Figure:
 KRG = (
     *_held_out(("4.96", "0.089"), ("–", "0.172")),
     *_targets("–", "0.28"),
+    *BY_AUTO_IN_FORCE,
     _model("`auto`", "auto"),
     _model("`geometry`", "geometry"),
     _model("`kriging:weights=equal`", "kriging:weights=equal"),
@@ -110,6 +138,7 @@ KRG = (
 ANN = (
     *_held_out(("5.12", "1.23"), ("–", "–")),
     *_targets("1.23", "–"),
+    *BY_AUTO_IN_FORCE,
     _model("`auto`", "auto"),
     _model("`geometry`", "geometry"),
     _model("`poe`", "poe", "1.81"),

@@ -1,4 +1,4 @@
-"""A KRL program as motions: from where to which point, with which tool, base and orientation. No mathematics."""
+"""KRL motions: from where to which point, with which tool, base and orientation. No mathematics."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
 from typing import Literal, TypeAlias, final
 
 from cellctl.krl import (
@@ -25,7 +26,6 @@ from cellctl.krl import (
     Number,
     Point,
     Reference,
-    Span,
     Spline,
     Statement,
     Unknown,
@@ -35,6 +35,7 @@ from cellctl.krl import (
     references,
 )
 from cellctl.krl import Literal as Constant
+from cellctl.operations.programs._language import Frame, FrameKind, Move, Numbers, ProgramPoint
 
 _COMPONENTS = {"$ORI_TYPE": "ORI_TYP", "$CIRC_TYPE": "CIRC_TYP"}
 _DEFAULTS = {"$ORI_TYPE": "#VAR", "$CIRC_TYPE": "#BASE"}
@@ -100,41 +101,22 @@ Part: TypeAlias = Literal["src", "dat"]
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class Written:
-    """A point with its numbers in the program: `part` of it, and the point there."""
-
-    part: Part
-    point: Point
-
-    @property
-    def key(self) -> tuple[Part, Span]:
-        """Its place, which is unique."""
-        return self.part, self.point.span
-
-    @property
-    def name(self) -> str:
-        """Its name; of one without, its line."""
-        return self.point.name or f"the point in line {self.point.line}"
-
-
-@final
 class ProgramPoints:
     """Finds points. parts: the program, and its data list if there is one."""
 
     def __init__(self, parts: Mapping[Part, KrlFile]) -> None:
         self._parts, self._src = parts, parts["src"]
 
-    def of(self, expression: Expression | None) -> Written | str:
+    def of(self, expression: Expression | None) -> ProgramPoint | str:
         """The point of a motion, or why it is not one that can be changed."""
         if isinstance(expression, Reference):
             return self._named(expression)
         if not isinstance(expression, Aggregate):
             return "the point is computed"
         point = point_of(expression, self._src.text.count("\n", 0, expression.span.start) + 1)
-        return _usable(Written("src", point)) if point else "not a point"
+        return _usable("src", point) if point else "not a point"
 
-    def _named(self, reference: Reference) -> Written | str:
+    def _named(self, reference: Reference) -> ProgramPoint | str:
         key, name = reference.key, reference.name.upper()
         if key is None:
             return f"the index of {reference.written} is computed"
@@ -150,7 +132,7 @@ class ProgramPoints:
         if name in self._mentions:
             lines = ", ".join(str(line) for line in self._mentions[name])
             return f"{reference.name} is also used in line {lines}, not as the point of a motion"
-        return _usable(Written(*found[0]))
+        return _usable(*found[0])
 
     @cached_property
     def _mentions(self) -> dict[str, list[int]]:
@@ -168,14 +150,27 @@ class ProgramPoints:
         return frozenset(variable.target.name.upper() for one in declared for variable in one.variables)
 
 
-def _usable(written: Written) -> Written | str:
-    point = written.point
+def _usable(part: Part, point: Point) -> ProgramPoint | str:
+    read = point_read(part, point)
     if point.fault:
-        return f"{written.name}: {point.fault}"
+        return f"{read.title}: {point.fault}"
     if point.missing:
-        return f"{written.name} has no {', '.join(point.missing)}"
+        return f"{read.title} has no {', '.join(point.missing)}"
     moved = [label for label, value in point.values.items() if label[0] == "E" and abs(value) > 1e-9]
-    return f"{written.name} moves the external axis {', '.join(moved)}" if moved else written
+    return f"{read.title} moves the external axis {', '.join(moved)}" if moved else read
+
+
+def point_read(part: Part, point: Point, changed: Mapping[str, float] | None = None) -> ProgramPoint:
+    """A point of a file; changed: components that replace its own."""
+    values = point.values | dict(changed or {})
+    status, turn = (int(values[name]) if name in values else None for name in "ST")
+    position = readings = None
+    if point.is_joints:
+        axes = takewhile(values.__contains__, (f"A{axis}" for axis in range(1, 10)))
+        readings = tuple(values[axis] for axis in axes)
+    elif not point.missing:
+        position = tuple(values[label] for label in CARTESIAN)
+    return ProgramPoint((part, point.span), part, point.line, point.name, position, readings, status, turn)
 
 
 def _mentioned(statement: Statement) -> Iterator[str]:
@@ -204,10 +199,6 @@ def _names(expression: Expression | None) -> Iterator[str]:
     return (reference.name.upper() for reference in references(expression))
 
 
-Kind: TypeAlias = Literal["tool", "base"]
-Numbers: TypeAlias = tuple[float, ...]
-"""X, Y, Z, A, B, C, mm and degrees."""
-
 _KINDS = {"SPTP": "PTP", "SLIN": "LIN", "SCIRC": "CIRC"}
 _STAYS = frozenset(
     {"WAIT", "HALT", "CONTINUE", "TRIGGER", "SIGNAL", "INTERRUPT", "EXT", "EXTFCT", "IF", "SWITCH", "STRUC", "ENUM",
@@ -220,50 +211,9 @@ _MOVE_NOTHING = ("SET_CD_PARAMS", "PULSE")
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """A tool on the flange, or a base in the robot's base frame. numbers: None where it is not certain; reason: why."""
-
-    name: str
-    numbers: Numbers | None
-    reason: str = ""
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Move:
-    """One motion. kind: PTP, LIN, CIRC or SPL, also of SPTP, SLIN, SCIRC; other kinds as written. start: index of the
-    motion before, None where it is not certain. orientation, circle: `$ORI_TYPE`, `$CIRC_TYPE`. fault: why its points
-    are not understood, else empty.
-    """
-
-    statement: Motion
-    kind: str
-    target: Written | None
-    auxiliary: Written | None
-    angle_deg: float | None
-    tool: Frame
-    base: Frame
-    orientation: str
-    circle: str
-    start: int | None
-    fault: str = ""
-
-    @property
-    def line(self) -> int:
-        """Its line in the program."""
-        return self.statement.line
-
-    @property
-    def uses(self) -> tuple[Written, ...]:
-        """Its points."""
-        return tuple(point for point in (self.auxiliary, self.target) if point is not None)
-
-
-@final
 @dataclass(frozen=True)
-class Program:
-    """A program with its data list and the controller's `$config.dat`, None where there is none.
+class KrlMotions:
+    """Reads the motions of a program with its data list and the controller's `$config.dat`, None where there is none.
 
     tool, base: stated by a person, for all motions.
     """
@@ -299,7 +249,7 @@ class Program:
         """All motions of the robot, in the order of the file."""
         return tuple(_moves(self))
 
-    def several(self, kind: Kind) -> list[str]:
+    def several(self, kind: FrameKind) -> list[str]:
         """The tools or bases of the program's motions, where there are several."""
         found = {_choice(frames, kind) for frames in self.frames.values()}
         names = {
@@ -309,7 +259,7 @@ class Program:
         }
         return sorted(names) if len(names) > 1 else []
 
-    def frame(self, motion: Motion, kind: Kind) -> Frame:
+    def frame(self, motion: Motion, kind: FrameKind) -> Frame:
         """The tool or base of a motion."""
         found = self.frames[motion.span.start]
         choice, array, stated = _choice(found, kind), f"{kind.upper()}_DATA", getattr(self, kind)
@@ -329,11 +279,11 @@ class Program:
         return Frame(name, tuple(values[label] for label in CARTESIAN))
 
 
-def _choice(frames: MotionFrames, kind: Kind) -> FrameChoice:
+def _choice(frames: MotionFrames, kind: FrameKind) -> FrameChoice:
     return frames.tool if kind == "tool" else frames.base
 
 
-def _moves(program: Program) -> Iterator[Move]:
+def _moves(program: KrlMotions) -> Iterator[Move]:
     """The motions in order. After a label, a branch or the call of a subprogram the place before is not certain."""
     previous, count, modes = None, 0, Modes(program.data)
     for statement in program.src.statements:
@@ -357,7 +307,7 @@ def _moves(program: Program) -> Iterator[Move]:
                 pass
 
 
-def _move(program: Program, motion: Motion, modes: Modes, previous: int | None) -> Move:
+def _move(program: KrlMotions, motion: Motion, modes: Modes, previous: int | None) -> Move:
     faults = ["the motion is relative"] if motion.kind.endswith("_REL") else []
     angle = motion.circular_angle
     if angle is not None and not isinstance(angle, Number):
@@ -365,18 +315,20 @@ def _move(program: Program, motion: Motion, modes: Modes, previous: int | None) 
     asked = (motion.target, motion.auxiliary) if not faults else ()
     points = [program.points.of(expression) if expression else None for expression in asked]
     faults += [point for point in points if isinstance(point, str)]
-    target, auxiliary = [point if isinstance(point, Written) else None for point in [*points, None, None][:2]]
-    orientation, circle = modes.of(motion)
+    target, auxiliary = [point if isinstance(point, ProgramPoint) else None for point in [*points, None, None][:2]]
+    kind, (orientation, circle) = _KINDS.get(motion.kind, motion.kind), modes.of(motion)
+    evenly = orientation == "#VAR" and (kind != "CIRC" or circle == "#BASE")
     return Move(
-        statement=motion,
-        kind=_KINDS.get(motion.kind, motion.kind),
+        place=motion.span.start,
+        line=motion.line,
+        kind=kind,
+        written_kind=motion.kind,
         target=target,
         auxiliary=auxiliary,
         angle_deg=angle.value if isinstance(angle, Number) else None,
         tool=program.frame(motion, "tool"),
         base=program.frame(motion, "base"),
-        orientation=orientation,
-        circle=circle,
         start=previous,
         fault="; ".join(dict.fromkeys(faults)),
+        other_way="" if evenly else f"computed for orientation #VAR, #BASE only; here {orientation}, {circle}",
     )

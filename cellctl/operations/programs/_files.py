@@ -1,4 +1,4 @@
-"""A KRL program and its files, compensated: shared by `cellctl compensate` and `Model.compensate_program`."""
+"""A program and its files, compensated: shared by `cellctl compensate` and `Model.compensate_program`."""
 
 from __future__ import annotations
 
@@ -13,75 +13,30 @@ from cellctl.devices import TABLE_CORRECTION_DEG
 from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile
 from cellctl.formats.table_making import mean_rms_max
-from cellctl.krl import KrlFile
-from cellctl.operations.compensated_program import Changed, CompensatedProgram
-from cellctl.operations.compensated_program import compensate_program as compensated
 from cellctl.operations.compensating import CellRobot, refuse_model, refuse_other_cell
-from cellctl.operations.program_goals import ProgramRobots
-from cellctl.operations.program_motions import Kind, Part, Program
-from cellctl.operations.program_paths import Path as ProgramPath
-from cellctl.operations.program_paths import program_paths, program_text, with_points_between
+from cellctl.operations.programs._compensated import Changed, CompensatedProgram
+from cellctl.operations.programs._compensated import compensate_program as compensated
+from cellctl.operations.programs._goals import ProgramRobots
+from cellctl.operations.programs._krl import KRL
+from cellctl.operations.programs._language import FrameKind, Program, ProgramFiles
+from cellctl.operations.programs._paths import Path as ProgramPath
+from cellctl.operations.programs._paths import program_paths, program_texts, with_points_between
 
-
-@final
-@dataclass(frozen=True)
-class ProgramFiles:
-    """src: the program. dat: its data list, None where there is none beside it. config: None where it is not given."""
-
-    src: Path
-    dat: Path | None
-    config: Path | None
-
-    @classmethod
-    def of(cls, src: Path, config: Path | None) -> ProgramFiles:
-        """The data list is the file beside `src` with the same name and the suffix .dat, in any case. Raises InputError
-        where `src` is not a program, or a file is not there.
-        """
-        if src.suffix.lower() != ".src":
-            raise InputError(Problem(str(src), 0, 0, "is not a KRL program", "give the .src; its .dat is read too"))
-        missing = [path for path in (src, config) if path is not None and not path.is_file()]
-        if missing:
-            raise InputError(Problem(str(path), 0, 0, "there is no such file") for path in missing)
-        wanted = f"{src.stem}.dat".lower()
-        beside = sorted(path for path in src.parent.iterdir() if path.name.lower() == wanted and path.is_file())
-        if len(beside) > 1:
-            names = ", ".join(path.name for path in beside)
-            raise InputError(Problem(str(src), 0, 0, f"has several data lists: {names}", "leave one"))
-        return cls(src, beside[0] if beside else None, config)
-
-    @property
-    def read(self) -> list[Path]:
-        """All files that are read."""
-        return [path for path in (self.src, self.dat, self.config) if path]
-
-    def load(self) -> tuple[KrlFile, KrlFile | None, KrlFile | None]:
-        """Program, data list and `$config.dat`. Raises OSError."""
-        src, *others = (KrlFile.load(path) if path else None for path in (self.src, self.dat, self.config))
-        assert src is not None
-        return src, others[0], others[1]
-
-    def outputs(self, out: Path) -> dict[str, Path]:
-        """Where the changed files go, by part: into the folder `out`, or to the program `out` and its data list.
-
-        A folder need not be there yet (`is_new_folder`). Raises InputError where `out` is neither.
-        """
-        if out.is_dir() or is_new_folder(out):
-            paths = {"src": out / self.src.name, "dat": out / (self.dat or self.src).name}
-        elif out.suffix.lower() == ".src":
-            paths = {"src": out, "dat": out.with_suffix(self.dat.suffix if self.dat else ".dat")}
-        else:
-            raise InputError(Problem("--out", 0, 0, f"{out} is neither a folder nor a .src file", "give one of these"))
-        return paths if self.dat else {"src": paths["src"]}
+LANGUAGES = (KRL,)
+"""The languages whose programs are compensated."""
 
 
 def is_program(path: Path) -> bool:
-    """Whether the suffix is that of a robot program whose points can be compensated, or of its data list."""
-    return path.suffix.lower() in (".src", ".sub", ".dat")
+    """Whether the suffix is that of a robot program whose points can be compensated, or of its data."""
+    return any(path.suffix.lower() in language.suffixes for language in LANGUAGES)
 
 
-def is_new_folder(out: Path) -> bool:
-    """Whether `out` names a folder that is not there yet, in one that is."""
-    return not out.suffix and not out.exists() and out.parent.is_dir()
+def program_files(path: Path, config: Path | None) -> ProgramFiles:
+    """The files of a program; config: the controller's data. Raises InputError where `path` is no program, or where a
+    file is not there.
+    """
+    language = next((each for each in LANGUAGES if path.suffix.lower() in each.suffixes), KRL)
+    return language.files(path, config)
 
 
 DEFAULT_TOLERANCE_MM = 0.05
@@ -143,9 +98,9 @@ class PointFigures:
     def of(cls, program: Program, one: Changed) -> Self:
         """The point `one` of `program`."""
         return cls(
-            file=program.parts[one.written.part].name,
-            line=one.written.point.line,
-            name=one.written.point.name,
+            file=program.names[one.point.part],
+            line=one.point.line,
+            name=one.point.name,
             motions=one.lines,
             numbers={label: float(text) for label, text in one.numbers.items()},
             correction_mm=one.correction_mm,
@@ -180,7 +135,7 @@ class PathFigures:
         """The figures of `path`."""
         return cls(
             line=path.move.line,
-            kind=path.move.statement.kind,
+            kind=path.move.written_kind,
             before_mm=_known(path.before_mm),
             bound_mm=_known(path.final_mm),
             undivided_mm=_known(path.bound_mm),
@@ -230,9 +185,9 @@ class CompensatedFiles:
     method: str
     tolerance_mm: float
 
-    def texts(self) -> dict[Part, bytes]:
+    def texts(self) -> dict[str, bytes]:
         """The content of the changed files."""
-        return program_text(self.program, self.paths)
+        return program_texts(self.program, self.paths)
 
     def figures(self, files: Sequence[Path] = ()) -> ProgramFigures:
         """All that is known of the compensated program; files: those written."""
@@ -279,20 +234,19 @@ def _compensated(
     identified: ModelFile, name: str, files: ProgramFiles, method: str, options: ProgramOptions, place: CellRobot | None
 ) -> CompensatedProgram:
     tool, base = (_frame(name, getattr(options, name)) for name in ("tool", "base"))
-    refuse_model(identified, str(files.src))
+    refuse_model(identified, str(files.main))
     if place:
         refuse_other_cell(identified, name, place)
-    src, dat, configured = files.load()
-    program = Program(src, dat, configured, tool, base)
-    _refuse_several(program)
+    program = files.load(tool, base)
+    _refuse_several(program, options)
     limit = place.correction_deg if place else TABLE_CORRECTION_DEG
     return compensated(program, ProgramRobots(identified, options.arm_only), method=method, limit_deg=limit)
 
 
-def _refuse_several(program: Program) -> None:
+def _refuse_several(program: Program, options: ProgramOptions) -> None:
     """Refuse a stated tool or base that would stand for several of the program."""
-    kinds: tuple[Kind, ...] = ("tool", "base")
-    several = {kind: names for kind in kinds if getattr(program, kind) and (names := program.several(kind))}
+    kinds: tuple[FrameKind, ...] = ("tool", "base")
+    several = {kind: names for kind in kinds if getattr(options, kind) and (names := program.several(kind))}
     if several:
         raise InputError(
             Problem(f"--{kind}", 0, 0, f"the program uses several: {', '.join(names)}", "give --config '$config.dat'")
@@ -321,5 +275,5 @@ def _nothing(found: CompensatedProgram) -> Exception:
     """The error where no point can be compensated: every reason, with its place."""
     problems = [Problem(found.file(left), left.line, 0, left.words) for left in found.left]
     if not problems:
-        problems = [Problem(found.program.src.name, 0, 0, "has no motion")]
+        problems = [Problem(next(iter(found.program.names.values())), 0, 0, "has no motion")]
     return InputError(problems, "no point was compensated, nothing was written")

@@ -10,9 +10,10 @@ All poses are in the robot's base frame (ROBROOT), mm.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TypeAlias, final
+from typing import final
 
 import numpy as np
 
@@ -23,8 +24,7 @@ from cellctl.formats import ModelFile
 from cellctl.formats.table_making import valid_region
 from cellctl.kinematics import Floats, JointMap, SerialChain, inverse, pose_from_xyz_abc, rotation_vector
 from cellctl.kinematics.controller_readings import status_of
-from cellctl.krl import CARTESIAN, Span
-from cellctl.operations.program_motions import Frame, Move, Numbers, Part, Program, Written
+from cellctl.operations.programs._language import Frame, Gives, Move, Numbers, Program, ProgramPoint
 
 SAME_TOOL_MM, SAME_TOOL_DEG = 0.01, 0.01
 """Largest difference of two statements of one tool: files round."""
@@ -95,8 +95,6 @@ def _pose_of_numbers(numbers: Numbers) -> Floats:
     return pose_from_xyz_abc(numbers[:3], numbers[3:])
 
 
-Key: TypeAlias = tuple[Part, Span]
-
 _SAME_POSTURE = np.deg2rad(3.0)
 _STATUS_BITS = 7
 
@@ -104,15 +102,15 @@ _STATUS_BITS = 7
 @final
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """pose (4, 4): where the tool shall be. q (n,): model angles, rad, of the nominal robot there. gives: components of
-    the point that are written from it. base: of the point; None where its numbers are joint readings.
+    """pose (4, 4): where the tool shall be. q (n,): model angles, rad, of the nominal robot there. gives: what of the
+    point is written from it. base: of the point; None where its numbers are joint readings.
     """
 
-    written: Written
+    point: ProgramPoint
     robots: Robots
     pose: Floats
     q: Floats
-    gives: tuple[str, ...]
+    gives: Gives
     base: Floats | None
 
 
@@ -135,8 +133,8 @@ class ProgramGoals:
     def __init__(self, program: Program, robots: ProgramRobots) -> None:
         self._program, self.robots = program, robots
         self.model = robots.model
-        self.goals: dict[Key, list[Goal]] = defaultdict(list)
-        self.left: dict[Key, str] = {}
+        self.goals: dict[Hashable, list[Goal]] = defaultdict(list)
+        self.left: dict[Hashable, str] = {}
         self.segments: dict[int, Segment] = {}
         self.arrivals: dict[int, Arrival] = {}
         region = valid_region(self.model)
@@ -148,16 +146,16 @@ class ProgramGoals:
             self.goals.pop(key, None)
 
     @cached_property
-    def uses(self) -> dict[Key, list[Move]]:
+    def uses(self) -> dict[Hashable, list[Move]]:
         """The motions of each point."""
-        found: dict[Key, list[Move]] = defaultdict(list)
+        found: dict[Hashable, list[Move]] = defaultdict(list)
         for move in self._program.moves:
-            for written in move.uses:
-                found[written.key].append(move)
+            for point in move.uses:
+                found[point.key].append(move)
         return found
 
     @cached_property
-    def _targets(self) -> set[Key]:
+    def _targets(self) -> set[Hashable]:
         return {move.target.key for move in self._program.moves if move.target}
 
     def _refuse_contradictions(self) -> None:
@@ -171,18 +169,18 @@ class ProgramGoals:
             if len({move.angle_deg for move in moves}) > 1:
                 self._leave(key, "used with different circular angles")
 
-    def _leave(self, key: Key, reason: str) -> None:
+    def _leave(self, key: Hashable, reason: str) -> None:
         self.left.setdefault(key, reason)
 
     def _take(self, number: int, move: Move) -> None:
         reason = self._reason(move)
         robots = reason or self.robots.of(move.tool)
         if isinstance(robots, str):
-            for written in move.uses:
-                self._leave(written.key, robots)
+            for point in move.uses:
+                self._leave(point.key, robots)
             return
         assert move.target is not None
-        if move.target.point.is_joints:
+        if move.target.readings is not None:
             self._take_joints(number, move, robots)
         else:
             self._take_position(number, move, robots)
@@ -193,33 +191,29 @@ class ProgramGoals:
             return f"its motion in line {move.line} is not understood: {move.fault}"
         if move.tool.numbers is None:
             return move.tool.reason
-        joints = [written.point.is_joints for written in move.uses]
-        if any(joints) and move.kind != "PTP":
+        if all(point.readings is None for point in move.uses):
+            return move.base.reason if move.base.numbers is None else ""
+        if move.kind != "PTP":
             return f"{move.kind} to joint readings"
-        missing = [
-            f"A{axis}" for axis in range(1, self.model.robot.n + 1) if f"A{axis}" not in move.target.point.values
-        ]
-        if any(joints) and missing:
-            return f"{move.target.name} has no {', '.join(missing)}"
-        return "" if any(joints) or move.base.numbers is not None else move.base.reason
+        missing = [f"A{axis}" for axis in range(len(move.target.readings or ()) + 1, self.model.robot.n + 1)]
+        return f"{move.target.title} has no {', '.join(missing)}" if missing else ""
 
     def _take_joints(self, number: int, move: Move, robots: Robots) -> None:
         assert move.target is not None
-        axes = tuple(f"A{axis}" for axis in range(1, self.model.robot.n + 1))
-        readings = np.array([move.target.point.values[axis] for axis in axes])
-        q = self._joints.model(readings)
-        self._put(number, move.target, Goal(move.target, robots, robots.nominal.forward(q), q, axes, None))
+        assert move.target.readings is not None
+        q = self._joints.model(np.array(move.target.readings[: self.model.robot.n]))
+        self._put(number, move.target, Goal(move.target, robots, robots.nominal.forward(q), q, "joints", None))
 
     def _take_position(self, number: int, move: Move, robots: Robots) -> None:
         assert move.target is not None
         assert move.base.numbers is not None
-        base = pose_from_xyz_abc(move.base.numbers[:3], move.base.numbers[3:])
+        base = _pose_of_numbers(move.base.numbers)
         pose = base @ _written_pose(move.target)
         try:
             segment = self._segment(move, pose, base)
         except ValueError as error:
-            for written in move.uses:
-                self._leave(written.key, f"{error}, in line {move.line}")
+            for point in move.uses:
+                self._leave(point.key, f"{error}, in line {move.line}")
             return
         q = self._posture(move, pose if segment is None else segment.finish, segment, robots)
         if q is None:
@@ -233,7 +227,7 @@ class ProgramGoals:
         elif isinstance(segment, Arc) and segment.angle is not None:
             self._put_turned_on(number, move, segment, robots, base, q)
         else:
-            self._put(number, move.target, Goal(move.target, robots, pose, q, CARTESIAN, base))
+            self._put(number, move.target, Goal(move.target, robots, pose, q, "pose", base))
 
     def _segment(self, move: Move, pose: Floats, base: Floats) -> Segment | None:
         """The wanted way; None for PTP and splines, or where the start is not certain. Raises ValueError: no circle."""
@@ -248,8 +242,7 @@ class ProgramGoals:
     def _posture(self, move: Move, finish: Floats, segment: Segment | None, robots: Robots) -> Floats | None:
         """Model angles at the end of a motion; None, and the point stays, where there are none."""
         assert move.target is not None
-        values = move.target.point.values
-        status, turn = (int(values[name]) if name in values else None for name in "ST")
+        status, turn = move.target.status, move.target.turn
         start = self.arrivals.get(move.start) if move.start is not None else None
         q = posture_at(robots.nominal, segment, start.q, 1.0) if segment and start else None
         if q is not None and not self._agrees(q, status, robots):
@@ -297,7 +290,7 @@ class ProgramGoals:
         if q is None:
             self._leave(move.auxiliary.key, f"the circle in line {move.line} cannot be followed to it")
         else:
-            self._add(move.auxiliary, Goal(move.auxiliary, robots, pose, q, CARTESIAN[:3], base))
+            self._add(move.auxiliary, Goal(move.auxiliary, robots, pose, q, "place", base))
 
     def _put_turned_on(self, number: int, move: Move, arc: Arc, robots: Robots, base: Floats, q: Floats) -> None:
         """The end point of a circle with a circular angle: its place gives X, Y, Z; the way's end gives A, B, C."""
@@ -307,33 +300,33 @@ class ProgramGoals:
         if at_place is None:
             self._leave(move.target.key, f"the circle in line {move.line} cannot be followed to it")
             return
-        place = Goal(move.target, robots, arc.poses([share])[0], at_place, CARTESIAN[:3], base)
+        place = Goal(move.target, robots, arc.poses([share])[0], at_place, "place", base)
         self._add(move.target, place)
-        self._put(number, move.target, Goal(move.target, robots, arc.finish, q, CARTESIAN[3:], base))
+        self._put(number, move.target, Goal(move.target, robots, arc.finish, q, "orientation", base))
 
     def _on_the_way(self, move: Move, arc: Arc, robots: Robots, share: float) -> Floats | None:
         assert move.start is not None
         return posture_at(robots.nominal, arc, self.arrivals[move.start].q, share)
 
-    def _put(self, number: int, written: Written, goal: Goal) -> None:
+    def _put(self, number: int, point: ProgramPoint, goal: Goal) -> None:
         """The goal at the end of a motion."""
         self.arrivals[number] = Arrival(goal.pose, goal.q)
         self._near = self._joints.readings(goal.q)
-        self._add(written, goal)
+        self._add(point, goal)
 
-    def _add(self, written: Written, goal: Goal) -> None:
+    def _add(self, point: ProgramPoint, goal: Goal) -> None:
         """One goal for each set of components; a point that is reached in two postures stays."""
-        known = [each for each in self.goals[written.key] if each.gives == goal.gives]
+        known = [each for each in self.goals[point.key] if each.gives == goal.gives]
         if not known:
-            self.goals[written.key].append(goal)
+            self.goals[point.key].append(goal)
         elif np.abs((known[0].q - goal.q + np.pi) % (2.0 * np.pi) - np.pi).max() > _SAME_POSTURE:
-            self._leave(written.key, "its motions reach it in different postures")
+            self._leave(point.key, "its motions reach it in different postures")
 
     @cached_property
     def _joints(self) -> JointMap:
         return self.model.robot.joint_map()
 
 
-def _written_pose(written: Written) -> Floats:
-    values = [written.point.values[label] for label in CARTESIAN]
-    return pose_from_xyz_abc(values[:3], values[3:])
+def _written_pose(point: ProgramPoint) -> Floats:
+    assert point.position is not None
+    return _pose_of_numbers(point.position)

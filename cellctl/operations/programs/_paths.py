@@ -1,8 +1,8 @@
-"""Paths of a compensated program between its points, points inserted on them, and the text with the new numbers."""
+"""Paths of a compensated program between its points, and points inserted on them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -10,12 +10,10 @@ import numpy as np
 
 from cellctl.compensation.paths import SINGULAR, Arc, Between, Deviations, Line, Segment, deviations, divided
 from cellctl.formats.table_making import valid_region
-from cellctl.kinematics import Floats, abc_from_rotation, inverse_pose, pose
-from cellctl.krl import CARTESIAN, KrlFile, Motion, Span
-from cellctl.krl.writing import aggregate_text
-from cellctl.operations.compensated_program import Changed, CompensatedProgram
-from cellctl.operations.program_goals import Arrival, Robots
-from cellctl.operations.program_motions import Move, Part
+from cellctl.kinematics import Floats, pose
+from cellctl.operations.programs._compensated import Changed, CompensatedProgram
+from cellctl.operations.programs._goals import Arrival, Robots
+from cellctl.operations.programs._language import Insertion, Move
 
 
 @final
@@ -121,8 +119,8 @@ def _segment(
         return Path(move, "its start is not certain")
     if move.start not in finishes:
         return Path(move, "the point where it starts stays as it was")
-    if move.orientation != "#VAR" or (move.kind == "CIRC" and move.circle != "#BASE"):
-        return Path(move, f"computed for orientation #VAR, #BASE only; here {move.orientation}, {move.circle}")
+    if move.other_way:
+        return Path(move, move.other_way)
     wanted, (sent_start, q) = found.goals.segments[number], finishes[move.start]
     end = points[-1].parts
     target = pose(end[-1].sent[:3, :3], end[0].sent[:3, 3])
@@ -180,69 +178,15 @@ def _remarks(found: CompensatedProgram, after: Deviations, row: int) -> Iterator
         yield "it passes a singularity"
 
 
-def program_text(found: CompensatedProgram, paths: Sequence[Path]) -> dict[Part, bytes]:
+def program_texts(found: CompensatedProgram, paths: Sequence[Path]) -> dict[str, bytes]:
     """The program's files with the compensated points, and with the points inserted on `paths`."""
-    texts = {part: found.values(part) for part in found.program.parts}
-    for path in paths:
-        if path.between is not None:
-            texts["src"] = _replacing(texts["src"], _inserted(found, path))
-    return {part: file.replaced(texts[part]) for part, file in found.program.parts.items()}
+    numbers = {key: changed.numbers for key, changed in found.changed.items()}
+    return found.program.texts(numbers, [each for path in paths if (each := _insertion(found, path))])
 
 
-def _replacing(texts: dict[Span, str], added: Mapping[Span, str]) -> dict[Span, str]:
-    """`added` too, in place of the numbers inside its spans."""
-    kept = {
-        span: text
-        for span, text in texts.items()
-        if not any(place.start <= span.start and span.end <= place.end for place in added)
-    }
-    return kept | dict(added)
-
-
-def _inserted(found: CompensatedProgram, path: Path) -> dict[Span, str]:
-    """New lines before the motion; of a circle also a new auxiliary point in its own line."""
-    assert path.between is not None
-    file, motion, parts = found.program.src, path.move.statement, path.between.sent
-    if len(parts) < 2:
-        return {}
+def _insertion(found: CompensatedProgram, path: Path) -> Insertion | None:
+    if path.between is None or len(path.between.sent) < 2:
+        return None
     base = found.changed[path.move.uses[-1].key].parts[0].goal.base
     assert base is not None
-    seen = inverse_pose(base)
-    indent, end = _surroundings(file, motion)
-    count, bound = len(parts) - 1, path.between.bound_mm.max()
-    lines = [
-        f"; cellctl: {count} point{'s' * (count > 1)} inserted, the path is within {bound:.3f} mm of the wanted one"
-    ]
-    for part in parts[:-1]:
-        auxiliary = _literal(seen @ part.poses([0.5])[0]) if isinstance(part, Arc) else ""
-        lines.append(_line(file, motion, _literal(seen @ part.end), auxiliary))
-    start = Span(motion.span.start, motion.span.start)
-    texts = {start: "".join(f"{line}{end}{indent}" for line in lines)}
-    last = parts[-1]
-    if isinstance(last, Arc) and motion.auxiliary is not None:
-        texts[motion.auxiliary.span] = _literal(seen @ last.poses([0.5])[0])
-    return texts
-
-
-def _line(file: KrlFile, motion: Motion, target: str, auxiliary: str) -> str:
-    """The motion's own line with other points. It does not stop there: it is approximated."""
-    text, start = file.source(motion.span), motion.span.start
-    places = [(motion.target.span, target)] + ([(motion.auxiliary.span, auxiliary)] if motion.auxiliary else [])
-    for span, literal in sorted(places, reverse=True):
-        text = text[: span.start - start] + literal + text[span.end - start :]
-    if motion.approximation or motion.spline:
-        return text
-    return f"{text} {'C_SPL' if motion.kind.startswith('S') else 'C_DIS'}"
-
-
-def _surroundings(file: KrlFile, motion: Motion) -> tuple[str, str]:
-    """White space before the motion in its line, and the end of line used there."""
-    before = file.text[: motion.span.start].rpartition("\n")[2]
-    following = file.text[motion.span.end :].partition("\n")
-    end = "\r\n" if following[0].endswith("\r") or (not following[1] and "\r\n" in file.text) else "\n"
-    return before if not before.strip() else "", end
-
-
-def _literal(pose: Floats) -> str:
-    values = [*pose[:3, 3].tolist(), *abc_from_rotation(pose[:3, :3]).tolist()]
-    return aggregate_text(dict(zip(CARTESIAN, values, strict=True)))
+    return Insertion(path.move, path.between.sent, base, float(path.between.bound_mm.max()))

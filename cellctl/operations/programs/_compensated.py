@@ -1,8 +1,8 @@
-"""The points of a KRL program, changed so that the identified robot goes where the nominal one would go."""
+"""The points of a program, changed so that the identified robot goes where the nominal one would go."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -11,29 +11,10 @@ import numpy as np
 from cellctl.compensation.paths import SINGULAR, joints_for, least_singular
 from cellctl.formats import ModelFile
 from cellctl.formats.table_making import valid_region
-from cellctl.kinematics import Floats, abc_from_rotation, inverse, inverse_pose, pose, pose_from_xyz_abc
+from cellctl.kinematics import Floats, inverse, inverse_pose, pose, pose_from_xyz_abc
 from cellctl.kinematics.controller_readings import status_of, turn_of
-from cellctl.krl import CARTESIAN, Span
-from cellctl.krl.writing import number_text
-from cellctl.operations.program_goals import Goal, Key, ProgramGoals, ProgramRobots
-from cellctl.operations.program_motions import Part, Program, Written
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Unchanged:
-    """What stays as it was, and why. line: of the program or (part `dat`) of its data list."""
-
-    part: Part
-    line: int
-    name: str
-    reason: str
-
-    @property
-    def words(self) -> str:
-        """The point and the reason."""
-        named = self.name and not self.reason.startswith(self.name)
-        return f"{self.name}: {self.reason}" if named else self.reason
+from cellctl.operations.programs._goals import Goal, ProgramGoals, ProgramRobots
+from cellctl.operations.programs._language import Program, ProgramPoint, Unchanged
 
 
 @final
@@ -60,7 +41,7 @@ class Changed:
     after, where it changes.
     """
 
-    written: Written
+    point: ProgramPoint
     lines: tuple[int, ...]
     numbers: dict[str, str]
     parts: tuple[Compensation, ...]
@@ -78,21 +59,12 @@ class CompensatedProgram:
 
     program: Program
     goals: ProgramGoals
-    changed: dict[Key, Changed]
+    changed: dict[Hashable, Changed]
     left: tuple[Unchanged, ...]
 
     def file(self, left: Unchanged) -> str:
         """The name of the file with the place `left`."""
-        return self.program.parts[left.part].name
-
-    def values(self, part: Part) -> dict[Span, str]:
-        """The new texts by their place in a file: for `KrlFile.replaced`."""
-        return {
-            each.written.point.numbers[label].span: text
-            for (where, _), each in self.changed.items()
-            if where == part
-            for label, text in each.numbers.items()
-        }
+        return self.program.names[left.part]
 
 
 def compensate_program(
@@ -104,9 +76,9 @@ def compensate_program(
     """
     goals = ProgramGoals(program, robots)
     compensated = _compensated(robots.model, list(_flat(goals)), method)
-    changed = dict[Key, Changed]()
+    changed = dict[Hashable, Changed]()
     for key, parts in compensated.items():
-        made = _changed(robots.model, goals, parts, limit_deg)
+        made = _changed(program, goals, parts, limit_deg)
         if isinstance(made, str):
             goals.left[key] = made
         else:
@@ -118,13 +90,13 @@ def _flat(goals: ProgramGoals) -> Iterable[Goal]:
     return (goal for each in goals.goals.values() for goal in each)
 
 
-def _compensated(model: ModelFile, goals: Sequence[Goal], method: str) -> dict[Key, list[Compensation | str]]:
+def _compensated(model: ModelFile, goals: Sequence[Goal], method: str) -> dict[Hashable, list[Compensation | str]]:
     """Each goal compensated, all of one tool at once; the reason where the method does not reach it."""
-    found = dict[Key, list[Compensation | str]]()
+    found = dict[Hashable, list[Compensation | str]]()
     by_robots = dict[bytes, list[Goal]]()
     for goal in goals:
         by_robots.setdefault(goal.robots.nominal.tool.tobytes(), []).append(goal)
-        found[goal.written.key] = []
+        found[goal.point.key] = []
     for alike in by_robots.values():
         robots, wanted = alike[0].robots, np.stack([goal.pose for goal in alike])
         q = np.stack([goal.q for goal in alike])
@@ -134,39 +106,35 @@ def _compensated(model: ModelFile, goals: Sequence[Goal], method: str) -> dict[K
         inside = model.inside(model.robot.joint_map().readings(q))
         for row, goal in enumerate(alike):
             made = Compensation(goal, joints.compensated_q[row], sent[row], float(before[row]), bool(inside[row]))
-            found[goal.written.key].append(joints.reasons[row] or made)
+            found[goal.point.key].append(joints.reasons[row] or made)
     return found
 
 
 def _changed(
-    model: ModelFile, goals: ProgramGoals, parts: Sequence[Compensation | str], limit_deg: float
+    program: Program, goals: ProgramGoals, parts: Sequence[Compensation | str], limit_deg: float
 ) -> Changed | str:
     """The changed point, or why it stays."""
-    found = list[Compensation]()
+    found, model = list[Compensation](), goals.model
     for part in parts:
         if isinstance(part, str):
             return part
         if (reason := _refusal(model, part, limit_deg)) is not None:
             return reason
         found.append(part)
-    written, joints = found[0].goal.written, model.robot.joint_map()
-    numbers = dict[str, str]()
-    for part in found:
-        numbers |= _numbers(model, part)
-    last = found[-1]
+    point, joints = found[0].goal.point, model.robot.joint_map()
+    values = {part.goal.gives: _value(model, part) for part in found}
     corrections = [np.abs(joints.readings(part.q) - joints.readings(part.goal.q)).max() for part in found]
-    turn = _turn(model, last) if "T" in written.point.values and "A" in numbers else None
-    if turn:
-        numbers["T"] = str(turn[1])
+    turn = _turn(model, found[-1]) if {"pose", "orientation"} & set(values) else None
+    numbers, rewritten = program.rewritten(point, values, turn[1] if turn else None)
     return Changed(
-        written=written,
-        lines=tuple(move.line for move in goals.uses[written.key]),
-        numbers={label: text for label, text in numbers.items() if label in written.point.numbers},
+        point=point,
+        lines=tuple(move.line for move in goals.uses[point.key]),
+        numbers=numbers,
         parts=tuple(found),
         correction_mm=float(np.linalg.norm(found[0].sent[:3, 3] - found[0].goal.pose[:3, 3])),
         correction_deg=float(max(corrections)),
         before_mm=found[0].before_mm,
-        after_mm=_after(model, found[0], numbers),
+        after_mm=_after(model, found[0], rewritten),
         turn=turn,
     )
 
@@ -200,59 +168,43 @@ def _outside(readings: Floats, low: Floats, high: Floats) -> str | None:
     return None
 
 
-def _numbers(model: ModelFile, part: Compensation) -> dict[str, str]:
-    """The components that a goal gives, as text."""
+def _value(model: ModelFile, part: Compensation) -> Floats:
+    """What is written: joint readings, or the pose in the point's base."""
     if part.goal.base is None:
-        values = dict(zip(part.goal.gives, model.robot.joint_map().readings(part.q), strict=True))
-    else:
-        seen = inverse_pose(part.goal.base) @ part.sent
-        old = part.goal.written.point.values
-        angles = _nearest_abc(abc_from_rotation(seen[:3, :3]), np.array([old[label] for label in "ABC"]))
-        values = dict(zip(CARTESIAN, [*seen[:3, 3], *angles], strict=True))
-    return {label: number_text(values[label]) for label in part.goal.gives}
-
-
-def _nearest_abc(angles: Floats, old: Floats) -> Floats:
-    """The same orientation by the angles A, B, C (3,), deg, nearest to `old`, each within ±180°."""
-    ways = np.stack([angles, angles * [1, -1, 1] + 180.0])
-    ways = (ways + 180.0) % 360.0 - 180.0
-    away = np.abs((ways - old + 180.0) % 360.0 - 180.0).sum(axis=1)
-    return np.asarray(ways[np.argmin(away)])
+        return model.robot.joint_map().readings(part.q)
+    return inverse_pose(part.goal.base) @ part.sent
 
 
 def _turn(model: ModelFile, part: Compensation) -> tuple[int, int] | None:
     """T before and after, where a joint's sign changes; other bits stay as they are written."""
+    if (old := part.goal.point.turn) is None:
+        return None
     joints = model.robot.joint_map()
     flipped = int(turn_of(joints.readings(part.goal.q)) ^ turn_of(joints.readings(part.q)))
-    old = int(part.goal.written.point.values["T"])
     return (old, old ^ flipped) if flipped else None
 
 
-def _after(model: ModelFile, part: Compensation, numbers: dict[str, str]) -> float:
+def _after(model: ModelFile, part: Compensation, rewritten: ProgramPoint) -> float:
     """Predicted distance, mm, of the tool from the goal with the numbers as they are written."""
-    values = part.goal.written.point.values | {label: float(text) for label, text in numbers.items()}
-    if part.goal.base is None:
-        q = model.robot.joint_map().model([values[label] for label in part.goal.gives])
+    goal = part.goal
+    if goal.base is None:
+        assert rewritten.readings is not None
+        q = model.robot.joint_map().model(rewritten.readings[: model.robot.n])
     else:
-        turned = part.sent if part.goal.gives == CARTESIAN[:3] else part.goal.base @ _pose(values)
-        sent = pose(turned[:3, :3], (part.goal.base @ _pose(values))[:3, 3])
-        q = inverse(part.goal.robots.nominal, sent, part.q).q
-    return float(np.linalg.norm(part.goal.robots.identified.tcp(q) - part.goal.pose[:3, 3]))
-
-
-def _pose(values: dict[str, float]) -> Floats:
-    return pose_from_xyz_abc([values[label] for label in "XYZ"], [values[label] for label in "ABC"])
+        assert rewritten.position is not None
+        written = goal.base @ pose_from_xyz_abc(rewritten.position[:3], rewritten.position[3:])
+        turned = part.sent if goal.gives == "place" else written
+        q = inverse(goal.robots.nominal, pose(turned[:3, :3], written[:3, 3]), part.q).q
+    return float(np.linalg.norm(goal.robots.identified.tcp(q) - goal.pose[:3, 3]))
 
 
 def _unchanged(program: Program, goals: ProgramGoals) -> Iterable[Unchanged]:
     """Lines that are not understood, motions without a point of these files, and points that stay."""
-    for unknown in program.src.unknown:
-        yield Unchanged("src", unknown.line, "", f"not understood: {unknown.reason}")
-    for unknown in program.dat.unknown if program.dat else ():
-        yield Unchanged("dat", unknown.line, "", f"not understood: {unknown.reason}")
+    yield from program.not_understood
+    main = next(iter(program.names))
     for move in program.moves:
         if move.fault:
-            yield Unchanged("src", move.line, move.statement.kind, move.fault)
+            yield Unchanged(main, move.line, move.written_kind, move.fault)
     for key, reason in goals.left.items():
-        written = next(each for move in goals.uses[key] for each in move.uses if each.key == key)
-        yield Unchanged(written.part, written.point.line, written.name, reason)
+        point = next(each for move in goals.uses[key] for each in move.uses if each.key == key)
+        yield Unchanged(point.part, point.line, point.title, reason)
