@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import asdict
 from pathlib import Path
 
 from fastapi import APIRouter
@@ -30,36 +29,6 @@ class CellChoice(BaseModel):
     shipped: bool = Field(description="Whether it comes with cellctl")
 
 
-class DeviceOut(BaseModel):
-    """A device of a cell."""
-
-    name: str
-    address: str
-    state: str = Field(description="`in order`, `failed` or `not known`")
-    text: str = Field(description="What it reported of its health")
-    model: str
-    serial: str
-    firmware: str
-    latency_ms: float | None = Field(description="From a request to its answer in the cell's time, ms")
-    last_error: str = Field(description="Its last failure; empty: none")
-    cure: str
-
-
-class CellOut(BaseModel):
-    """State of a cell, from the run that is active on it, else from the last run or examination."""
-
-    name: str
-    file: str
-    simulated: bool
-    devices: list[DeviceOut]
-    emergency_stop: str = Field(description="Chain `closed`, `open` or `not known`")
-    guard: str = Field(description="`closed`, `open` or `not known`")
-    mode: str = Field(description="Operating mode as the controller names it, or `not known`")
-    source: str = Field(description="`run NAME`, `doctor`, or empty: nothing is known yet")
-    at: str = Field(description="UTC: begin of that run if it is active, else its end; or time of that examination")
-    run: str = Field(description="Run that is active on this cell; empty: none")
-
-
 def cell_file(name: str) -> Path:
     """The file of a cell to choose. Raises Refused (404)."""
     found = choices("cell", console().settings.cell)
@@ -76,13 +45,13 @@ async def cells() -> list[CellChoice]:
 
 
 @router.get("/cells/{name}", responses=READS)
-async def cell(name: CellName) -> CellOut:
+async def cell(name: CellName) -> CellState:
     """Health of each device, emergency stop, guard and operating mode."""
-    return _out(await state_of(await asyncio.to_thread(cell_file, name)))
+    return await state_of(await asyncio.to_thread(cell_file, name))
 
 
 @router.post("/cells/{name}/doctor", responses=COMMANDS)
-async def doctor(name: CellName, operator: Commander) -> CellOut:
+async def doctor(name: CellName, operator: Commander) -> CellState:
     """Connect to every device and read its health; nothing moves. Refused while a run is active on the cell."""
     file = await asyncio.to_thread(cell_file, name)
     await commands.loaded_cell(file)  # an error in the file is the file's (422), any other is of this moment (409)
@@ -90,7 +59,7 @@ async def doctor(name: CellName, operator: Commander) -> CellOut:
         await commands.examine(operator, file)
     except InputError as error:
         raise Refused(409, error.problems[0].what, error.problems[0].cure) from error
-    return _out(await state_of(file))
+    return await state_of(file)
 
 
 async def state_of(file: Path) -> CellState:
@@ -108,7 +77,3 @@ async def state_of(file: Path) -> CellState:
 
 def _choice(one: FileChoice) -> CellChoice:
     return CellChoice(name=one.name, file=str(one.file), title=one.title, simulated=one.simulated, shipped=one.shipped)
-
-
-def _out(state: CellState) -> CellOut:
-    return CellOut.model_validate({**asdict(state), "file": str(state.file)})

@@ -49,32 +49,6 @@ class StatusOut(BaseModel):
     cure: str = Field(description="What to do about the problem; empty: nothing")
 
 
-class NodeOut(BaseModel):
-    """A step, loop, pass or branch of the procedure."""
-
-    path: str
-    kind: str
-    title: str
-    state: str = Field(description="`waiting`, `running`, `done`, `failed`, `interrupted`, `skipped`")
-    current: bool
-    attempts: int
-    done: int = Field(description="Finished passes of a loop, else steps")
-    total: int | None = Field(description="null: not known yet")
-    failure: str
-    children: list[NodeOut]
-
-
-class LineOut(BaseModel):
-    """A line of the log."""
-
-    seq: int = Field(description="Number of the event in the journal")
-    time_s: float = Field(description="Time of the cell, s")
-    kind: str = Field(description="`message`, `state`, `operator`, `interlock`, `failure`, `device`")
-    text: str
-    who: str
-    step: str
-
-
 class Reason(BaseModel):
     """Why a run is paused or aborted."""
 
@@ -114,23 +88,22 @@ async def status(name: RunName) -> StatusOut:
 
 
 @router.get("/tree", responses=READS)
-async def tree(name: RunName) -> NodeOut | None:
+async def tree(name: RunName) -> Node | None:
     """The procedure as a tree with the state of each step; null: this version cannot read the procedure."""
-    found = (await _snapshot(name)).tree
-    return _node(found) if found else None
+    return (await _snapshot(name)).tree
 
 
 @router.get("/log", responses=READS)
 async def log(
     name: RunName,
-    kind: Annotated[str, Query(description="Kind of the lines, see `LineOut`; empty: all")] = "",
+    kind: Annotated[str, Query(description="Kind of the lines, see `LogLine`; empty: all")] = "",
     text: Annotated[str, Query(description="Text in line, step or person; empty: all")] = "",
     whole: Annotated[bool, Query(description="The whole log, not the latest 1000 lines")] = False,
-) -> list[LineOut]:
+) -> list[LogLine]:
     """The latest 1000 lines of the log, or the whole log; those of this kind and with this text."""
     folder = _folder(name)
     lines = await asyncio.to_thread(whole_log, folder) if whole else (await _snapshot(name)).log
-    return [_line(line) for line in lines if line.fits(kind, text)]
+    return [line for line in lines if line.fits(kind, text)]
 
 
 @router.post("/pause", responses=COMMANDS)
@@ -224,22 +197,3 @@ async def _now(work: Awaitable[T]) -> T:
         return await work
     except InputError as error:
         raise Refused(409, error.problems[0].what, error.problems[0].cure) from error
-
-
-def _node(node: Node) -> NodeOut:
-    return NodeOut(
-        path=node.path,
-        kind=node.kind.value,
-        title=node.title,
-        state=node.state.value,
-        current=node.current,
-        attempts=node.attempts,
-        done=node.done,
-        total=node.total,
-        failure=node.failure,
-        children=[_node(child) for child in node.children],
-    )
-
-
-def _line(line: LogLine) -> LineOut:
-    return LineOut(seq=line.seq, time_s=line.time_s, kind=line.kind, text=line.text, who=line.who, step=line.step)

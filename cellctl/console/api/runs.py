@@ -21,7 +21,7 @@ from cellctl.installed import History, histories
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.export import Form
 from cellctl.operations.results import as_json
-from cellctl.operations.run_folder import run_file, run_files, run_named
+from cellctl.operations.run_folder import RunFile, run_file, run_files, run_named
 from cellctl.operations.run_list import RunFilter, run_row
 
 router = APIRouter(prefix="/api", tags=["runs"])
@@ -67,14 +67,6 @@ class RunOut(BaseModel):
     table_state: str | None = Field(default=None, description="proved, taken back, or not proved, may be in force")
 
 
-class FileOut(BaseModel):
-    """A file of a run folder."""
-
-    name: str
-    size: int = Field(description="Bytes")
-    what: str = Field(description="What it is; empty if not known")
-
-
 class JobOut(BaseModel):
     """A process that the console started."""
 
@@ -103,10 +95,9 @@ async def result(name: RunName) -> RunOut:
 
 
 @router.get("/runs/{name}/files", responses=READS)
-async def files(name: RunName) -> list[FileOut]:
+async def files(name: RunName) -> list[RunFile]:
     """The files of a run."""
-    found = await asyncio.to_thread(run_files, run_place(name))
-    return [FileOut(name=each.name, size=each.size, what=each.what) for each in found]
+    return list(await asyncio.to_thread(run_files, run_place(name)))
 
 
 @router.get("/runs/{name}/files/{file}", response_class=FileResponse, responses=READS)

@@ -114,7 +114,7 @@ class PointFigures:
 @final
 @dataclass(frozen=True, slots=True)
 class PathFigures:
-    """The way to a point, see `program_paths.Path`; None where `reason` says why a number is not computed.
+    """The way to a point, see `_paths.Path`; None where `reason` says why a number is not computed.
 
     bound_mm, undivided_mm: upper bound of the deviation with and without the inserted points.
     """
