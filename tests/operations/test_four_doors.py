@@ -29,12 +29,14 @@ from cellctl.operations.table import TableRecorder
 from cellctl.operations.table_history import TableHistory, table_overview
 from tests.helpers.arms import cellctl as command
 from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
-from tests.helpers.console import ApiClient, api_client
+from tests.helpers.console import TOKEN, ApiClient, api_client
 from tests.helpers.journals import run_in
+from tests.helpers.krl import usual_seam
 
 INPUTS = Path(__file__).parents[1] / "golden" / "inputs"
 SERIAL = "SIM-4711"
 RUNS = ("sphere-1", "sphere-2")
+COMMANDER = {"Authorization": f"Bearer {TOKEN}", "X-Operator": "Ada"}
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,59 @@ def test_predictions(doors: Doors, tmp_path: Path) -> None:
     cellctl.load(place / "model.json").predict(place / "targets.csv").to_csv(tmp_path / "by_python.csv")
     assert (tmp_path / "by_command.csv").read_text().count("\n") == 9
     assert (tmp_path / "by_python.csv").read_bytes() == (tmp_path / "by_command.csv").read_bytes()
+
+
+def test_compensated_targets(doors: Doors, tmp_path: Path) -> None:
+    place = doors.runs / RUNS[0]
+    command("compensate", str(place / "model.json"), str(place / "targets.csv"), "-o", str(tmp_path / "by_command.csv"))
+    found = cellctl.load(place / "model.json").compensate(place / "targets.csv")
+    assert found.reached.all()
+    found.to_csv(tmp_path / "by_python.csv")
+    assert (tmp_path / "by_python.csv").read_bytes() == (tmp_path / "by_command.csv").read_bytes()
+
+
+def test_a_compensated_program(doors: Doors, tmp_path: Path) -> None:
+    """Command line, Python and API: the same files, the same figures."""
+    place, given = doors.runs / RUNS[0], tmp_path / "given"
+    given.mkdir()
+    usual_seam().write(given)
+    src, config = given / "seam.src", given / "$config.dat"
+    by_command = doors.by_command(
+        "compensate", place / "model.json", src, "--config", config, "-o", tmp_path / "by_command"
+    )
+    written = {each.name: each.read_bytes() for each in (tmp_path / "by_command").iterdir()}
+    assert by_command.pop("files")
+    found = cellctl.load(place / "model.json").compensate_program(src, config=config)
+    assert {each.name: each.read_bytes() for each in found.save(tmp_path / "by_python")} == written
+    assert {**json.loads(json.dumps(found.report)), "files": ()} == {**by_command, "files": ()}
+    folder, _ = analyses.new_analysis(doors.runs, "Ada", "positions.csv")
+    shutil.copy(place / "model.json", folder / analyses.MODEL)
+    files = [("files", (each.name.lstrip("$"), each.read_bytes())) for each in (src, given / "seam.dat", config)]
+    by_api = doors.client.post(f"/api/analyses/{folder.name}/programs", files=files, headers=COMMANDER).json()
+    assert {name: by_api[name] for name in ("compensated", "paths")} == {
+        name: by_command[name] for name in ("compensated", "paths")
+    }
+    for name, content in written.items():
+        answer = doors.client.get(f"/api/analyses/{folder.name}/programs/{by_api['id']}/{name}")
+        assert answer.content == content
+
+
+def test_the_check_of_a_procedure(doors: Doors) -> None:
+    by_command = doors.by_command("check", "sphere_selfcal", "--cell", "tracker_cell")["mistakes"]
+    asked = {"procedure": "sphere_selfcal", "cell": "tracker_cell"}
+    by_api = doors.client.post("/api/check", json=asked, headers=COMMANDER).json()["problems"]
+    assert [(each["line"], each["what"], each["cure"]) for each in by_api] == [
+        (each["line"], each["what"], each["cure"]) for each in by_command
+    ]
+    assert by_api
+
+
+def test_the_events_of_a_run(doors: Doors, tmp_path: Path) -> None:
+    command("export", RUNS[0], "--runs", str(doors.runs), "--as", "jsonl", "-o", str(tmp_path / "events.jsonl"))
+    by_command = (tmp_path / "events.jsonl").read_text()
+    assert doors.client.get(f"/api/runs/{RUNS[0]}/export", params={"form": "jsonl"}).text == by_command
+    numbers = [json.loads(line)["seq"] for line in by_command.splitlines()]
+    assert [each["seq"] for each in cellctl.open_run(RUNS[0], doors.runs).events()] == numbers
 
 
 def test_the_examination_of_a_cell(doors: Doors) -> None:
