@@ -22,7 +22,8 @@ Joints are rounded to this grid. Two readings δ apart are on either side of a g
 for each joint, and then count as different postures. Exact repeats, as `Split.folds` groups them, never do."""
 
 END = 0.25
-"""The share of the rows at either end of a joint's range that is left out at a time."""
+"""The share of the rows at either end of a joint's range that is left out at a time: enough rows for a mean, and far
+enough out that the others do not surround them."""
 
 FIFTH = 0.2
 """The same for a residual model. A share of the rows, not of the angles: the outer fifth of the angles may have one row
@@ -32,7 +33,7 @@ END_AT_MOST = 0.45
 """With more than this share of the rows at one end (a joint that hardly moved), too few are left to predict them."""
 
 MOVED_RAD = 0.2
-"""A joint that moved less has no ends."""
+"""A joint that moved less, 11°, has no ends: errors that depend on a joint change over some tens of degrees."""
 
 
 def judging(count: int) -> Any:

@@ -14,7 +14,7 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration.identification.identify import Identification, Weights, identify, identify_kept
+from cellctl.calibration.identification.identify import Identification, Scales, identify, identify_kept
 from cellctl.calibration.identification.ladder import climb
 from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import SpacingRows
@@ -176,10 +176,10 @@ def _known(rows: RowBlocks, points: int) -> Bools:
 
 def _fits(alone: Task, spacings: SpacingRows, found: Identification) -> bool:
     """Whether a robot no further from nominal, with rows no noisier, fits the certificate too."""
-    weights = Weights(found.noise, found.prior_scale)
-    _, weighed = identify_kept(replace(alone, spacings=spacings), alone.rows.pick(np.array(found.used)), weights)
-    more, count = weighed.found.cost - found.identified.cost, len(spacings)
-    return weighed.found.converged and bool(more < count + FITTING * np.sqrt(2.0 * count))
+    scales = Scales(found.noise, found.prior_scale)
+    _, scaled = identify_kept(replace(alone, spacings=spacings), alone.rows.pick(np.array(found.used)), scales)
+    more, count = scaled.found.cost - found.identified.cost, len(spacings)
+    return scaled.found.converged and bool(more < count + FITTING * np.sqrt(2.0 * count))
 
 
 def _scale(predicted: PredictedSpacings, first: tuple[str, str]) -> ScaleError | None:

@@ -85,7 +85,7 @@ def test_what_noisier_rows_tell_of_the_model_is_that_of_rows_with_wider_sigma():
     wider = linear.noisier(noise)
     lines = wider.columns.reshape(-1, wider.columns.shape[-1])
     expected = 0.5 * np.linalg.slogdet(wider.known + lines.T @ lines)[1]
-    assert linear.seen(noise) == pytest.approx(expected, rel=1e-9)
+    assert linear.half_log_det(noise) == pytest.approx(expected, rel=1e-9)
 
 
 def beside_positions(count, outlying=()):

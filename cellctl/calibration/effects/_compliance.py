@@ -4,7 +4,9 @@ The weight behind joint j pulls at it by the moment ẑ_j · Σ_{k≥j} (p_k −
 of vectors fixed in the frames behind joints j … k, so the moment is ẑ_j · Σ_{k≥j} (R_k s_k) × ĝ with constants s_k:
 masses times lengths, never needed singly. The part of s_k along z belongs to the frame before, as joint k's axis
 does not turn with joint k; a part along joint j's own axis has no moment about it. That leaves two amounts
-for each k ≥ j, and these are independent: only the pair of k, not a pair before it, rotates with joint k.
+for each k ≥ j, and these are independent: only the pair of k, not a pair before it, rotates with joint k. The same
+regrouping gives the minimum inertial parameters of a robot at rest (Gautier and Khalil 1990, Direct calculation of
+minimum set of inertial parameters of serial robots).
 A joint whose axis is vertical at every posture carries no moment and has no amounts: joint 1 of a robot on the floor or
 under a ceiling, none on a wall.
 """

@@ -84,7 +84,10 @@ class ToolDeflection(Effect):
         terms.bend += float(amounts[0]) * float(np.ravel(self.mm_per_unit + self.mm_by_payload(terms.at))[0])
 
     def mm_by_payload(self, at: Postures) -> Floats | float:
-        """What a payload adds to `mm_per_unit` (N, 1): the tip's shift by a weight at another place of a cantilever."""
+        """What a payload adds to `mm_per_unit` (N, 1): the tip's shift by a weight at another place of a cantilever.
+
+        Deflection at x by a weight at a ≤ x: a² (3x − a)/6EI; the same with x and a exchanged (Maxwell).
+        """
         if at.payload is None or at.payload_at is None:
             return 0.0
         place_m = np.maximum(at.payload_at[:, 2], 0.0) / 1000.0

@@ -14,7 +14,11 @@ from cellctl.calibration.model.postures import Postures, varies
 from cellctl.kinematics import Floats, SerialChain
 
 EXPECTED_PER_K = 2e-5
-"""Between steel, 1.2e-5, and aluminium, 2.3e-5."""
+"""1 σ about 0, 1/K: between steel, 1.2e-5, and aluminium, 2.3e-5. About 0, not about these: the sensor's temperature is
+not the link's, and some controllers compensate part of the expansion themselves."""
+
+POINT_MM = 1e-6
+"""A link shorter than this is a point: rounding of the frames."""
 
 PER_K = Unit("1/K", "µm/(m·K)", 1e6)
 _PHRASE = Phrase.of("growth", "link")
@@ -41,7 +45,7 @@ class ThermalExpansion(Effect):
         """The expansion of a robot, without the links that are points; the base of `nominal` does not matter."""
         standing = nominal.with_base(np.eye(4))
         lengths = np.linalg.norm(_link_vectors(standing, np.zeros((1, nominal.n)))[0], axis=-1)
-        return cls(nominal.n, frozenset((np.flatnonzero(lengths < 1e-6) + 1).tolist()))
+        return cls(nominal.n, frozenset((np.flatnonzero(lengths < POINT_MM) + 1).tolist()))
 
     group: ClassVar[Group] = "growth"
     title: ClassVar[str] = "Thermal expansion"

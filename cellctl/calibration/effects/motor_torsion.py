@@ -36,7 +36,8 @@ class MotorTorsion(Effect):
     the joint. A spring is positive; a negative amount of many σ shows that a drive counts its current the other way
     (scale −1 in the cell file's `currents`).
     The motor's torque includes friction, so the joint turns by friction too, where the current has it. Source:
-    ANN-based precision compensation via optimization of point selection, section 2.2 (Δθ = F·I, F diagonal).
+    ANN-based precision compensation via optimization of point selection, section 2.2 (Δθ = F·I, F diagonal); the sign
+    here: F > 0 for a spring, as current and load turn the joint opposite ways.
     needs: the current of every joint in every row. Where it is unknown (None or NaN), joints do not lag. `auto` does
     not try it: a target of a table has no current.
     """

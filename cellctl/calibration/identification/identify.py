@@ -1,6 +1,17 @@
-"""Identification: sample the rows, find the inliers, register, fit, judge the noise.
+"""Identification: find the inliers, register, fit, and scale noise and priors by evidence, until these settle.
 
-A uniform sample would have six of thirty-six touches beside twenty thousand positions: too few to detect an outlier.
+The order of what is estimated from what, each step from the one before:
+
+1. *Start*: nominal registered on the rows nearest to it (`_registered_on_closest`; concentration steps of least trimmed
+   squares, Rousseeuw and Van Driessen 1999), so that outliers do not decide where the search begins.
+2. *Inliers* about a fit of the inliers, again until they stay the same (`outliers`).
+3. *Fit* of the inliers (`solver.estimate`), with noise and prior scales from the evidence of its linearisation
+   (`solver.evidence`), a few times: the scales change the solution, and the solution the linearisation.
+4. *Residual model*, where these residuals are still larger than predicted; rows that it predicts come back.
+5. *Error maps*, if the model has them, from what all this leaves.
+
+Nothing of it sees a held-out row. Of many rows a sample is searched, equally of each block and point: a uniform one
+would have six of thirty-six touches beside twenty thousand positions, too few to detect an outlier.
 """
 
 from __future__ import annotations
@@ -35,7 +46,7 @@ from cellctl.calibration.selection.model_error import (
     without_functions,
     worst_end,
 )
-from cellctl.calibration.solver.estimate import Estimate, covariance_of, estimate, seen_despite_tolerances
+from cellctl.calibration.solver.estimate import Estimate, covariance_of, estimate, triangle_with_model_error
 from cellctl.calibration.solver.evidence import Factor, estimated, factors, unexpected
 from cellctl.calibration.solver.tool_search import initial_states, with_rival_tools
 from cellctl.kinematics import Bools, Floats
@@ -47,7 +58,8 @@ right, and all stay; so few rows may always be left out.
 """
 
 CLOSEST = 0.6
-"""The share of the rows, those nearest to nominal, that the search for the inliers starts from."""
+"""The share of the rows, those nearest to nominal, that the search for the inliers starts from: more than half,
+so that outliers that agree cannot be those, and up to 40 % of outliers do not decide the start."""
 
 ROUNDS = 8
 """Of a search for inliers at the most: two sets that alternate would never end."""
@@ -55,22 +67,26 @@ ROUNDS = 8
 OVERDETERMINED = 2
 """Measured numbers for each unknown of the registration from which on rows can be checked against each other."""
 
-WEIGHINGS = 6
+SCALINGS = 6
 SETTLED = 0.02
-"""Noise and tolerances have settled when none changes by more than this share; after so many rounds at the latest."""
+"""Noise and prior scales have settled when none changes by more than this share, a fifth of the σ of a noise scale from
+fifty numbers (1/√(2n)); after so many rounds at the latest."""
 
 INVISIBLE = 100.0
-"""A metre of base or tool that moves all rows together by fewer standard deviations than this is unobservable: rows
-and tolerances leave 10 mm of it open."""
+"""A metre of base or tool that moves all rows together by fewer standard deviations than this is unobservable: rows and
+tolerances leave 10 mm of it open (a radian: 0.6°). σ = 1/s of the flat prior, and s of a real direction is thousands:
+no limit between the two is critical."""
 
 FLAT = 100.0
 """Prior σ (mm) above which a zero counts as unknown beforehand."""
 
 FEW_SCALES = 5
-"""With more prior scales than this, as with the bands of harmonics, a rough value of each is enough."""
+"""With more prior scales than this, as with the bands of harmonics, a rough value of each is enough: ten times
+`SETTLED`, a fifth."""
 
 SEARCHED = 3000
-"""Up to so many rows are searched for inliers; of more, a sample is searched and predicts the others."""
+"""Up to so many rows are searched for inliers; of more, a sample is searched and predicts the others. A limit of time:
+each step of the search inverts the normal equations of all rows."""
 
 
 def sampled(rows: RowBlocks, most: int) -> Any:
@@ -121,8 +137,8 @@ class Identification:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Weights:
-    """Factors by which noise and tolerances are larger than stated."""
+class Scales:
+    """Factors on the stated σ of noise and on the prior σ (not weights, which are 1/σ²)."""
 
     noise: Floats
     prior_scale: Mapping[Group, float]
@@ -138,7 +154,7 @@ class Weights:
         return cls(_noise(rows, factors), {name: value for (name, _), value in factors.items() if name != "noise"})
 
     def factors(self, rows: RowBlocks) -> dict[Factor, float]:
-        """The factors from which `of` makes these weights."""
+        """The factors from which `of` makes these scales."""
         found: dict[Factor, float] = {(name, 0): value for name, value in self.prior_scale.items()}
         for block, _, own in rows.parts():
             for quantity in dict.fromkeys(block.quantities):
@@ -147,7 +163,7 @@ class Weights:
         return found
 
     def settled(self, before: Self) -> bool:
-        """Whether these weights are close to those `before`; rough values are enough for the sizes of effects."""
+        """Whether these scales are close to those `before`; rough values are enough for the sizes of effects."""
         groups = {*before.prior_scale, *self.prior_scale}
         change = [
             abs(np.log(self.prior_scale.get(group, 1.0) / before.prior_scale.get(group, 1.0))) for group in groups
@@ -158,27 +174,27 @@ class Weights:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Weighed:
-    """A fit with its weights."""
+class ScaledFit:
+    """A fit with its scales."""
 
     found: Estimate
-    weights: Weights
+    scales: Scales
 
     def p_values(self, rows: RowBlocks) -> Floats:
         """p-values (N,): the probability that a row not in the fit lies as far from it as it does, or further."""
-        blocks = rows.noisier(self.weights.noise).blocks
+        blocks = rows.noisier(self.scales.noise).blocks
         return np.concatenate([predict_rows(self.found.state, self.found.covariance, each).p_value for each in blocks])
 
 
 def identify(
-    task: Task, fit: Any = None, known_inliers: tuple[Bools, int] | None = None, weights: Weights | None = None
+    task: Task, fit: Any = None, known_inliers: tuple[Bools, int] | None = None, scales: Scales | None = None
 ) -> Identification:
     """Identify `task.model` from the rows at `fit` (indices or mask; default all). No other row is used.
 
     Outliers are left out. Where the inliers are clearly noisier than their stated σ, the robot is further from nominal
     than the tolerances, or the model is incomplete, the evidence of the rows sets noise, prior scales and a residual
     model; noise and tolerances never shrink. Rows that were outliers only because the model was incomplete are used
-    again. known_inliers: which rows they are (`inliers_among`), weights: noise and prior scales, where known.
+    again. known_inliers: which rows they are (`inliers_among`), scales: noise and prior scales, where known.
     Error maps are learnt last, from the inliers; those of a prior model stay as they are. Raises ValueError for rows
     that make no map.
     """
@@ -186,28 +202,28 @@ def identify(
     rows = task.rows.pick(chosen)
     kept, n_inconsistent = inliers_among(without_functions(task), rows) if known_inliers is None else known_inliers
     inliers = rows.pick(kept)
-    nominal, weighed = identify_kept(task, inliers, weights)
+    nominal, scaled = identify_kept(task, inliers, scales)
     for kind in may_join(task):
-        wider = _with_residual_model(kind, task, inliers, weighed)
+        wider = _with_residual_model(kind, task, inliers, scaled)
         if wider is not None:
-            task, weights = wider
-            nominal, weighed = identify_kept(task, inliers, weights)
+            task, scales = wider
+            nominal, scaled = identify_kept(task, inliers, scales)
     may_come_back = known_inliers is not None or any(isinstance(effect, ResidualModel) for effect in task.model.effects)
     while may_come_back and not kept.all():
-        back = ~kept & (weighed.p_values(rows) >= OUTLIER_P)
+        back = ~kept & (scaled.p_values(rows) >= OUTLIER_P)
         if not back.any():
             break
         inliers = rows.pick(kept | back)
-        wider_nominal, with_them = identify_kept(task, inliers, weighed.weights)
-        if unexpected(with_them.found, inliers.noisier(weighed.weights.noise)):
+        wider_nominal, with_them = identify_kept(task, inliers, scaled.scales)
+        if unexpected(with_them.found, inliers.noisier(scaled.scales.noise)):
             break  # the better model does not explain these rows either
-        kept, nominal, weighed = kept | back, wider_nominal, with_them
-    there = {*weighed.found.unknowns.scaled_with, *weighed.found.unknowns.groups}
+        kept, nominal, scaled = kept | back, wider_nominal, with_them
+    there = {*scaled.found.unknowns.scaled_with, *scaled.found.unknowns.groups}
     found = Identification(
         nominal=nominal,
-        identified=weighed.found,
-        noise=weighed.weights.noise,
-        prior_scale={name: factor for name, factor in weighed.weights.prior_scale.items() if name in there},
+        identified=scaled.found,
+        noise=scaled.scales.noise,
+        prior_scale={name: factor for name, factor in scaled.scales.prior_scale.items() if name in there},
         used=tuple(chosen[kept].tolist()),
         outliers=tuple(chosen[~kept].tolist()),
         n_inconsistent=n_inconsistent,
@@ -225,20 +241,20 @@ def identify(
 
 
 def _with_residual_model(
-    kind: type[ResidualModel], task: Task, rows: RowBlocks, weighed: Weighed
-) -> tuple[Task, Weights] | None:
-    """`task` with a residual model of this kind, and the weights then; None where the rows do not support it."""
-    if len(rows) < ROWS_AT_LEAST or not unexpected(weighed.found, rows):
+    kind: type[ResidualModel], task: Task, rows: RowBlocks, scaled: ScaledFit
+) -> tuple[Task, Scales] | None:
+    """`task` with a residual model of this kind, and the scales then; None where the rows do not support it."""
+    if len(rows) < ROWS_AT_LEAST or not unexpected(scaled.found, rows):
         return None
     wider = with_kind(task, kind, rows)
     if wider is None:
         return None
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
-    start, known = nominal_start(wider, rows), weighed.weights.factors(rows)
-    scales = scales_with(kind.group, weighed.found, start, sample, certified_rows(task), known)
-    if scales is None or not _predicts_better(kind, wider, start, rows, weighed, scales):
+    start, known = nominal_start(wider, rows), scaled.scales.factors(rows)
+    scales = scales_with(kind.group, scaled.found, start, sample, certified_rows(task), known)
+    if scales is None or not _predicts_better(kind, wider, start, rows, scaled, scales):
         return None
-    return wider, Weights.of(rows, scales)
+    return wider, Scales.of(rows, scales)
 
 
 def _predicts_better(
@@ -246,39 +262,39 @@ def _predicts_better(
     task: Task,
     unknowns: Unknowns,
     rows: RowBlocks,
-    weighed: Weighed,
+    scaled: ScaledFit,
     scales: Mapping[Factor, float],
 ) -> bool:
     """Whether held-out rows are predicted significantly better with the residual model that `task` adds to what was
-    `weighed`, with these scales. The evidence alone takes any scatter for a function of the joints.
+    `scaled`, with these scales. The evidence alone takes any scatter for a function of the joints.
     """
     some = rows.pick(judging(len(rows)))
-    begin = carried(weighed.found, unknowns)
+    begin = carried(scaled.found, unknowns)
     folded = Folded.of(
         unknowns, begin, some, certified_rows(task), random_folds(some.q), task.registration_parameters(unknowns)
     )
     without = ~unknowns.among(frozenset({kind.group}))[unknowns.free]
-    logs = [{f: float(np.log(v)) for f, v in each.items()} for each in (weighed.weights.factors(rows), scales)]
+    logs = [{f: float(np.log(v)) for f, v in each.items()} for each in (scaled.scales.factors(rows), scales)]
     before, after = (without, logs[0]), (np.ones_like(without), logs[1])
     gain = Gain.of(folded.predicted(*before).errors, folded.predicted(*after).errors, kind.group)
     return gain.significant and worst_end(folded, some.q, before, after) <= WORSE_AT_END
 
 
-def identify_kept(task: Task, rows: RowBlocks, weights: Weights | None = None) -> tuple[Estimate, Weighed]:
+def identify_kept(task: Task, rows: RowBlocks, scales: Scales | None = None) -> tuple[Estimate, ScaledFit]:
     """Nominal registered on `rows`, and identified; every row is taken as an inlier.
 
-    weights: where they are known, as from a fit of more rows.
+    scales: where they are known, as from a fit of more rows.
     """
     nominal = registered(task, rows)
     start, *others = _starts(task, nominal, rows)
-    if weights is None:
-        weighed = _weighed(start, rows, certified_rows(task))
+    if scales is None:
+        scaled = _fit_with_estimated_scales(start, rows, certified_rows(task))
     else:
-        weighed = _fit_with(weights, start, rows, certified_rows(task))
+        scaled = _fit_with(scales, start, rows, certified_rows(task))
     if not task.has_new_tool:
-        return nominal, weighed
-    noisy, states = rows.noisier(weighed.weights.noise), [each.start for each in (start, *others)]
-    return nominal, replace(weighed, found=with_rival_tools(weighed.found, noisy, certified_rows(task), states))
+        return nominal, scaled
+    noisy, states = rows.noisier(scaled.scales.noise), [each.start for each in (start, *others)]
+    return nominal, replace(scaled, found=with_rival_tools(scaled.found, noisy, certified_rows(task), states))
 
 
 def inliers_among(task: Task, rows: RowBlocks) -> tuple[Bools, int]:
@@ -304,8 +320,8 @@ def _like_sample(task: Task, rows: RowBlocks, sample: Any) -> Bools:
     """Which of `rows` (N,) agree with the prediction from the inliers among `sample` (indices)."""
     of_sample = rows.pick(sample)
     kept_of_sample = _search_inliers(task, of_sample)
-    _, weighed = identify_kept(task, of_sample.pick(kept_of_sample))
-    kept = weighed.p_values(rows) >= OUTLYING
+    _, scaled = identify_kept(task, of_sample.pick(kept_of_sample))
+    kept = scaled.p_values(rows) >= OUTLYING
     kept[sample] = kept_of_sample
     return kept
 
@@ -316,7 +332,7 @@ def registered(task: Task, rows: RowBlocks) -> Estimate:
     unknowns = plain.unknowns(plain.start(rows))
     unknowns = unknowns.masked(plain.registration_parameters(unknowns))
     blocks = [*rows.blocks, *certified_rows(task)]
-    found = estimate(replace(unknowns, pinned=_unseen(unknowns, blocks, plain.taught_mm)), blocks)
+    found = estimate(replace(unknowns, pinned=_unobservable_placements(unknowns, blocks, plain.taught_mm)), blocks)
     return found if plain is task else widened(found, task.unknowns(_with_effects(found.unknowns.start, task)))
 
 
@@ -349,13 +365,13 @@ def _starts(task: Task, nominal: Estimate, rows: RowBlocks) -> list[Unknowns]:
     if (
         task.is_partial_update and task.free_groups >= PLACED and not task.has_new_tool
     ):  # registration had not both of them free
-        unknowns = replace(unknowns, pinned=_unseen(unknowns, [*rows.blocks, *certified_rows(task)]))
+        unknowns = replace(unknowns, pinned=_unobservable_placements(unknowns, [*rows.blocks, *certified_rows(task)]))
     if not task.has_new_tool:
         return [unknowns]
     return [unknowns.restarted(state) for state in initial_states(unknowns, rows, certified_rows(task))]
 
 
-def _unseen(unknowns: Unknowns, blocks: Sequence[Rows], taught: float = np.inf) -> Floats:
+def _unobservable_placements(unknowns: Unknowns, blocks: Sequence[Rows], taught: float = np.inf) -> Floats:
     """Combinations (H, P) of free base and tool that are unobservable in the rows, in units of the unknowns' σ.
 
     With one orientation in all rows, a longer tool acts like a base further in. Rounded joints cause small differences,
@@ -369,7 +385,7 @@ def _unseen(unknowns: Unknowns, blocks: Sequence[Rows], taught: float = np.inf) 
         return np.zeros((0, len(unknowns.names)))
     known = unknowns.among(frozenset({"datums"})) & (unknowns.sigma < FLAT)  # its prior holds it, not a pin
     unknowns = unknowns.masked(~known)
-    _, singular, right = np.linalg.svd(seen_despite_tolerances(unknowns, blocks))
+    _, singular, right = np.linalg.svd(triangle_with_model_error(unknowns, blocks))
     places = np.array([each.group == "tool" and not each.turns for each in unknowns.parameters])[unknowns.free]
     moved = np.linalg.norm(right[:, places] * unknowns.sigma[unknowns.free][places], axis=1)  # mm of the tool
     invisible, weak = singular < INVISIBLE, moved > taught * singular
@@ -402,8 +418,8 @@ def _search_inliers(task: Task, rows: RowBlocks) -> Bools:
         kept = find_inliers(linear, thorough=before is not None).kept  # nominal is too far from the rows for that
         if before is not None and np.array_equal(kept, before):
             break
-        weighed = _weighed(start, rows.pick(kept), certified_rows(task), deviations)
-        unknowns, deviations, noise = weighed.found.unknowns, weighed.found.deviations, weighed.weights.noise
+        scaled = _fit_with_estimated_scales(start, rows.pick(kept), certified_rows(task), deviations)
+        unknowns, deviations, noise = scaled.found.unknowns, scaled.found.deviations, scaled.scales.noise
         before = kept
     return kept
 
@@ -421,25 +437,27 @@ def _registered_on_closest(task: Task, rows: RowBlocks) -> Estimate:
     return nominal
 
 
-def _weighed(unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None) -> Weighed:
+def _fit_with_estimated_scales(
+    unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None
+) -> ScaledFit:
     """The fit, repeated with noise and tolerances from the evidence of its residuals until these settle."""
-    result = _fit_with(Weights.as_stated(rows), unknowns, rows, others, begin)
+    result = _fit_with(Scales.as_stated(rows), unknowns, rows, others, begin)
     if not estimated(unknowns) and not unexpected(result.found, rows):
         return result
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
-    for _ in range(WEIGHINGS):
-        before, weights = result, Weights.of(rows, factors(result.found, unknowns, sample, others))
-        result = _fit_with(weights, unknowns, rows, others, before.found.deviations)
-        if weights.settled(before.weights):
+    for _ in range(SCALINGS):
+        before, scales = result, Scales.of(rows, factors(result.found, unknowns, sample, others))
+        result = _fit_with(scales, unknowns, rows, others, before.found.deviations)
+        if scales.settled(before.scales):
             break
     return result
 
 
 def _fit_with(
-    weights: Weights, unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None
-) -> Weighed:
-    blocks = [*rows.noisier(weights.noise).blocks, *others]
-    return Weighed(_fit(unknowns.with_prior_scale(weights.prior_scale), blocks, begin), weights)
+    scales: Scales, unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None
+) -> ScaledFit:
+    blocks = [*rows.noisier(scales.noise).blocks, *others]
+    return ScaledFit(_fit(unknowns.with_prior_scale(scales.prior_scale), blocks, begin), scales)
 
 
 def _noise(rows: RowBlocks, grown: Mapping[Factor, float]) -> Floats:

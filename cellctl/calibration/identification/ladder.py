@@ -17,7 +17,7 @@ import numpy as np
 
 from cellctl.calibration.effects import Effect, ResidualModel, functions, in_order, kinds
 from cellctl.calibration.folds import end_folds, judging, random_folds
-from cellctl.calibration.identification.identify import Weights, certified_rows, identify_kept, nominal_start
+from cellctl.calibration.identification.identify import Scales, certified_rows, identify_kept, nominal_start
 from cellctl.calibration.identification.learning import ALONG, TcpShift
 from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.calibration.model.parameter import Group
@@ -31,7 +31,7 @@ from cellctl.calibration.solver.evidence import Factor
 from cellctl.kinematics import Bools, Floats
 
 ROWS = 300
-"""Rows used, at most: the time grows with their cube, and the settings hardly change."""
+"""Rows that choose the settings of a field, at most: the time grows with their cube, and the settings hardly change."""
 
 
 def shifts_of_tcp(task: Task, rows: RowBlocks) -> Floats:
@@ -95,7 +95,7 @@ class Climbed:
     """The task with the terms that were kept, its noise and prior scales, and the steps tried."""
 
     task: Task
-    weights: Weights | None
+    scales: Scales | None
     steps: tuple[Step, ...]
 
 
@@ -153,7 +153,7 @@ def climb(task: Task, rows: RowBlocks, progress: Progress = silent, *, outside: 
             wider, step = fitted.extended(best, effect.group)
             steps.append(step)
             ladder, best = (fitted, wider) if steps[-1].kept else (ladder, best)
-    return Climbed(ladder.task_of(best), ladder.weights(best) if best.groups else None, tuple(steps))
+    return Climbed(ladder.task_of(best), ladder.scales(best) if best.groups else None, tuple(steps))
 
 
 def _ordered(groups: tuple[Group, ...]) -> tuple[Group, ...]:
@@ -174,7 +174,11 @@ class _Ladder:
 
     @classmethod
     def of(cls, task: Task, candidates: tuple[Effect, ...], rows: RowBlocks) -> Self:
-        """Linearised about the fit of geometry alone."""
+        """Linearised about the fit of geometry alone, where all amounts are 0.
+
+        Effects are linear in their amounts at nominal joints (decision 8), and J hardly changes with the links: one
+        linearisation holds for every model of the ladder.
+        """
         found = identify_kept(task, rows)[1].found
         whole = task.with_effects((*task.model.effects, *candidates))
         unknowns = nominal_start(whole, rows)
@@ -279,9 +283,9 @@ class _Ladder:
         } - model.without
         return effect.reduced(large)
 
-    def weights(self, model: _Model) -> Weights:
+    def scales(self, model: _Model) -> Scales:
         """Its noise and prior scales."""
-        return Weights.of(self.rows, {factor: float(np.exp(log)) for factor, log in model.logs.items()})
+        return Scales.of(self.rows, {factor: float(np.exp(log)) for factor, log in model.logs.items()})
 
     def _columns(self, model: _Model) -> Bools:
         """The unknowns (F,) of a model; those that `task` always has belong to geometry."""

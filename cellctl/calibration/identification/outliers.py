@@ -56,13 +56,14 @@ LEFT_OUT_AT_MOST = 0.45
 """No search beyond this share of outliers of any block: beyond one half, outliers and inliers cannot be separated."""
 
 DECISIVE = 10
-"""With more numbers than this for each unknown no row has enough influence to hide another."""
+"""With more numbers than this for each unknown no row has enough influence to hide another: the mean leverage F/n is
+below 0.1, and √t_i is 95 % (√(1 − 0.1)) of the row's own error."""
 
 ABREAST = 20
 """Sets of rows that are followed in parallel, with one more row left out at each stage."""
 
 PATIENCE = 3
-"""Stages without a cheaper set before the search ends."""
+"""Stages without a cheaper set before the search ends: outliers that hide each other get cheaper only together."""
 
 
 @final
@@ -127,6 +128,9 @@ def _settled(linear: Linear, kept: Kept, limit: Floats) -> Kept | None:
     """`kept` without rows beyond the limit, the greatest leave-one-out χ² first, and with rows that are now within it;
     None where too many are out.
     """
+    # A fiftieth of all rows, a tenth of the outlying ones or a quarter of those that come back at a time: of thousands,
+    # one at a time would take as many inversions. The worst of many hardly hide each other; the second loop corrects
+    # it.
     count = len(limit)
     while (outlying := kept.rows & (kept.leave_one_out_chi2 > limit)).any():
         worst = np.argsort(np.where(outlying, -kept.leave_one_out_chi2, np.inf))[
@@ -181,14 +185,14 @@ ROUNDS = 5
 @dataclass(frozen=True, eq=False)
 class Inliers:
     """kept (N,): the rows that are inliers; noise (Q,): the factors of σ with which they are, one for each of
-    `RowBlocks.quantities`. weight: logarithm of how probable that makes all rows. strained (Q,): which kinds of numbers
-    are further from the model than that, or belong to rows left out; none: all rows are explained.
+    `RowBlocks.quantities`. log_probability: logarithm of how probable that makes all rows. misfitting (Q,): which kinds
+    of numbers are further from the model than that, or belong to rows left out; none: all rows are explained.
     """
 
     kept: Bools
     noise: Floats
-    weight: float
-    strained: Bools
+    log_probability: float
+    misfitting: Bools
 
     @classmethod
     def at(cls, linear: Linear, noise: Floats, *, thorough: bool = False) -> Self:
@@ -196,10 +200,10 @@ class Inliers:
         scaled = linear.noisier(noise)
         kept = within_limit(scaled, thorough=thorough)
         if kept is None:
-            return cls(np.ones(len(linear.away), bool), noise, -np.inf, _there(linear, noise))
-        price = np.sum(np.log(1.0 / OUTLIER_SHARE) + linear.numbers[~kept.rows] * np.log(WIDTH))
-        weight = _at_best(linear, noise) - 0.5 * kept.misfit - float(price)
-        return cls(kept.rows, noise, weight, _strained(scaled, kept.rows, kept.x, noise))
+            return cls(np.ones(len(linear.away), bool), noise, -np.inf, _present(linear, noise))
+        penalty = np.sum(np.log(1.0 / OUTLIER_SHARE) + linear.numbers[~kept.rows] * np.log(WIDTH))
+        log_probability = _log_probability_bound(linear, noise) - 0.5 * kept.misfit - float(penalty)
+        return cls(kept.rows, noise, log_probability, _misfitting(scaled, kept.rows, kept.x, noise))
 
 
 def find_inliers(linear: Linear, *, thorough: bool = True) -> Inliers:
@@ -209,39 +213,41 @@ def find_inliers(linear: Linear, *, thorough: bool = True) -> Inliers:
     them, grow while that makes the rows more probable. thorough: no outlier hides another (`within_limit`).
     """
     found = Inliers.at(linear, np.ones(int(linear.factors.max()) + 1), thorough=thorough)
-    if _there(linear, found.noise).sum() > 1 and found.strained.any():
+    if _present(linear, found.noise).sum() > 1 and found.misfitting.any():
         found = _as_scattered(linear, found, thorough=thorough)
     while True:
-        noisier = max(_noisier(linear, found), key=lambda each: each.weight, default=found)
-        if noisier.weight <= found.weight:
+        noisier = max(_noisier(linear, found), key=lambda each: each.log_probability, default=found)
+        if noisier.log_probability <= found.log_probability:
             return found
-        found = max(noisier, Inliers.at(linear, noisier.noise, thorough=thorough), key=lambda each: each.weight)
-        if _there(linear, found.noise).sum() == 1:  # all kinds of noise have been tried
+        found = max(
+            noisier, Inliers.at(linear, noisier.noise, thorough=thorough), key=lambda each: each.log_probability
+        )
+        if _present(linear, found.noise).sum() == 1:  # all kinds of noise have been tried
             return found
 
 
 def _as_scattered(linear: Linear, found: Inliers, *, thorough: bool) -> Inliers:
-    """`found`, or the explanation by the scatter of every strained kind, where that is more probable: with many
+    """`found`, or the explanation by the scatter of every misfitting kind, where that is more probable: with many
     kinds, to get there step by step and kind by kind takes hundreds of evaluations of all rows.
 
     The factor of a kind is lowered, one step or to 1, where that makes the rows even more probable.
     """
-    best = max(found, Inliers.at(linear, _scattering(linear, found)), key=lambda each: each.weight)
+    best = max(found, Inliers.at(linear, _scattering(linear, found)), key=lambda each: each.log_probability)
     if best is found:
         return found
     for kind in np.flatnonzero(best.noise > found.noise):
         for less in (best.noise[kind] / STEP, found.noise[kind]):
             tried = Inliers.at(linear, np.where(np.arange(len(best.noise)) == kind, less, best.noise))
-            best = max(best, tried, key=lambda each: each.weight)
-    return max(best, Inliers.at(linear, best.noise, thorough=thorough), key=lambda each: each.weight)
+            best = max(best, tried, key=lambda each: each.log_probability)
+    return max(best, Inliers.at(linear, best.noise, thorough=thorough), key=lambda each: each.log_probability)
 
 
 def _scattering(linear: Linear, found: Inliers) -> Floats:
-    """Noise (Q,) equal to the scatter of the strained kinds about a model with these weights."""
+    """Noise (Q,) equal to the scatter of the misfitting kinds about a model with this noise."""
     noise = found.noise
     for _ in range(ROUNDS):
         scatter = noise * linear.noisier(noise).scatter(found.kept)
-        before, noise = noise, np.where(found.strained, _stepped(scatter), found.noise)
+        before, noise = noise, np.where(found.misfitting, _stepped(scatter), found.noise)
         if np.array_equal(noise, before):
             break
     return noise
@@ -253,38 +259,38 @@ def _stepped(noise: Floats) -> Floats:
 
 
 def _noisier(linear: Linear, found: Inliers) -> Iterator[Inliers]:
-    """Explanations by more noise of all numbers together, and of one kind that is strained."""
-    there = _there(linear, found.noise)
-    if not found.strained.any():
+    """Explanations by more noise of all numbers together, and of one kind that is misfitting."""
+    there = _present(linear, found.noise)
+    if not found.misfitting.any():
         return
-    alone = [np.arange(len(there)) == each for each in np.flatnonzero(found.strained)] if there.sum() > 1 else []
+    alone = [np.arange(len(there)) == each for each in np.flatnonzero(found.misfitting)] if there.sum() > 1 else []
     for growing in [there, *alone]:
-        best = found.weight
+        best = found.log_probability
         noise = np.where(growing, STEP, 1.0) * found.noise
-        while noise.max() < NOISIEST and _at_best(linear, noise) > best:
+        while noise.max() < NOISIEST and _log_probability_bound(linear, noise) > best:
             tried = Inliers.at(linear, noise)
             yield tried
-            if not (tried.strained & growing).any():
+            if not (tried.misfitting & growing).any():
                 break
-            best, noise = max(best, tried.weight), np.where(growing, STEP, 1.0) * noise
+            best, noise = max(best, tried.log_probability), np.where(growing, STEP, 1.0) * noise
 
 
-def _at_best(linear: Linear, noise: Floats) -> float:
-    """Logarithm of the probability of rows with this noise at residuals 0."""
+def _log_probability_bound(linear: Linear, noise: Floats) -> float:
+    """ln p of all rows with this noise if all residuals were 0 and none left out: no explanation exceeds it."""
     logs = np.append(np.log(noise), 0.0)[linear.factors]
-    return float(-logs.sum() - linear.seen(noise))
+    return float(-logs.sum() - linear.half_log_det(noise))
 
 
-def _there(linear: Linear, noise: Floats) -> Bools:
+def _present(linear: Linear, noise: Floats) -> Bools:
     """Which kinds of numbers (Q,) are present."""
     return np.isin(np.arange(len(noise)), linear.factors)
 
 
-def _strained(scaled: Linear, kept: Bools, x: Floats, noise: Floats) -> Bools:
+def _misfitting(scaled: Linear, kept: Bools, x: Floats, noise: Floats) -> Bools:
     """Which kinds of numbers (Q,) have rows left out, or larger residuals from the model x than their σ predict."""
     squares = (scaled.away + scaled.columns @ x) ** 2
     result = np.isin(np.arange(len(noise)), scaled.factors[~kept])
-    for each in np.flatnonzero(_there(scaled, noise)):
+    for each in np.flatnonzero(_present(scaled, noise)):
         mine = scaled.factors == each
         result[each] |= squares[mine & kept[:, None]].sum() > np.count_nonzero(mine)
     return result

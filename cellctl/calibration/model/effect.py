@@ -53,8 +53,9 @@ STORED = "stored"
 """Key of a field's metadata: the name of a setting in model files, where that is not the field's."""
 
 PRIOR_SCALES = (0.03, 3.3)
-"""Least and greatest prior scale of an effect: at most three times what makers or published measurements state. The
-expected sizes with their sources: docs/reference/effects.md.
+"""Least and greatest prior scale of an effect: at most three times what makers or published measurements state (sizes
+and sources: docs/reference/effects.md). At the least one it is absent: of 3e-4 rad of compliance 0.009 mm are left at
+1 m, below any repeatability; a prior of σ 0 would have no logarithm to search.
 """
 
 
@@ -80,10 +81,10 @@ class OnlineTerms:
 
     at: a single posture with both. down: which way weight pulls, in the base frame. weight (n, 2, n): rad of joint j
     by the weight moment that is fixed along x, y of the frame behind joint k, at [k, axis, j]. load (n,): rad of each
-    joint per mm of the load's lever. bend: mm of the TCP of a level tool. stretch (n + 1,): growth of the place of each
-    frame, the base's first. waves: joint from 0, waves per turn, amounts of sine and cosine, rad. nodes: places and
-    scales (M, n), per rad, and weights (M, 3), mm, of squared exponentials of the joints. left_out: what the
-    correction lacks, in words.
+    joint per mm of the load's lever. bend: mm of the TCP of a level tool. stretch (n + 1,): expanded links shift the
+    TCP by Σ_k stretch_k p_k, p_k the origin of the frame behind joint k + 1 (the last: the flange). waves: joint from
+    0, waves per turn, amounts of sine and cosine, rad. nodes: of Σ_m w_m exp(−½ Σ_j (s_mj q_j − c_mj)²), places c (M,
+    n), pure numbers, scales s (M, n), 1/rad, and weights w (M, 3), mm. left_out: what the correction lacks, in words.
     """
 
     at: Postures

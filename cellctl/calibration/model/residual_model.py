@@ -26,28 +26,32 @@ from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
 
 LENGTHS_RAD = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
-"""Postures this far apart (root of the summed squares over the joints) share 60 % of the function: remainders of weight
-and geometry change over some tens of degrees. Longer where the postures are too sparse for that.
+"""ℓ. Values of δ at postures this far apart (root of the summed squares over the joints) have the correlation
+exp(−½) = 0.61: remainders of weight and geometry change over some tens of degrees. Longer where the postures are too
+sparse for that.
 """
 
-LEFT = 0.1
-"""Half of the postures leave at most this share of the variance at the others, on average; else the length is too
-short."""
+REMAINDER_AT_MOST = 0.1
+"""Half of the postures leave at most this share of the variance at the others, on average; else ℓ is too short: δ would
+be noise at each posture, and say nothing between them. The rows' errors take no part in the choice of ℓ: a length from
+the marginal likelihood is `JointField`'s."""
 
-MOST_AMONG = 0.4
-"""`left_among` of postures that are so few that they hardly show which others are among them."""
+LEFT_AMONG_AT_MOST = 0.4
+"""`left_among` at most, below `measured_region.OUTSIDE` (0.5): postures that are so few that each leaves more at the
+next would otherwise count everything as among them."""
 
 CENTRES = 64
-"""At most so many: a fit has three unknowns for each, and its time grows with their cube."""
+"""At most so many: a fit has three unknowns for each (x, y, z), and its time grows with their cube."""
 
-MOST = 1000
+POSTURES_AT_MOST = 1000
 """Postures that choose the length, at most. Their errors take no part in it."""
 
 ALIKE_RAD = 0.05
 """Centres are further apart than this: nearer ones make k(C, C) singular."""
 
 _JITTER = 1e-6
-"""Share of the variance on the diagonal of k(C, C): centres 0.05 rad apart are nearly dependent; Cholesky needs it."""
+"""Share of the variance on the diagonal of k(C, C): centres 0.05 rad apart are nearly dependent; Cholesky needs it. So
+the remainder at a centre is 1e-6, not 0."""
 
 
 @final
@@ -55,8 +59,8 @@ _JITTER = 1e-6
 class PostureBasis:
     """A squared exponential Gaussian process of the joint angles, expanded at some postures (Nyström).
 
-    centres (M, n): these postures, rad. length_rad: distance at which two postures share 60 % of the function. Raises
-    ValueError for a length that is not above 0.
+    centres (M, n): these postures, rad. length_rad: ℓ, the distance of correlation 0.61. Raises ValueError for a length
+    that is not above 0.
     """
 
     centres: Floats
@@ -101,28 +105,33 @@ class PostureBasis:
 def left_among(q: Floats) -> float:
     """The share of variance that postures q (N, n), rad, leave at one of them that is left out: 95 % have less.
 
-    A posture with no more than this is among them; the noise of their rows has its error already.
+    A posture with no more than this is among them; the noise of their rows has its error already. Left out are the
+    random folds of `random_folds`, a fifth at a time: the share is that of 0.8 N postures, slightly too large.
     """
     folds = random_folds(q)
     if len(folds) < 2:
         return 0.0
     left = [PostureBasis.over(np.delete(q, fold, axis=0)).remainder(q[fold]) for fold in folds]
-    return float(min(np.quantile(np.concatenate(left), 0.95), MOST_AMONG))
+    return float(min(np.quantile(np.concatenate(left), 0.95), LEFT_AMONG_AT_MOST))
 
 
 @lru_cache(maxsize=8)
 def _over(content: bytes, joints: int) -> PostureBasis:
     q = np.frombuffer(content).reshape(-1, joints)
-    some = q[np.random.default_rng(len(q)).permutation(len(q))[:MOST]]
+    some = q[np.random.default_rng(len(q)).permutation(len(q))[:POSTURES_AT_MOST]]
     half, others = some[::2], some[1::2]
     for length in LENGTHS_RAD[:-1]:
-        if not len(others) or PostureBasis(spread(half), length).remainder(others).mean() <= LEFT:
+        if not len(others) or PostureBasis(spread(half), length).remainder(others).mean() <= REMAINDER_AT_MOST:
             return PostureBasis(spread(q), length)
     return PostureBasis(spread(q), LENGTHS_RAD[-1])
 
 
 def spread(q: Floats, most: int = CENTRES) -> Floats:
-    """At most `most` of the postures q (N, n), each the farthest from those before; no two alike."""
+    """At most `most` of the postures q (N, n), each the farthest from those before; no two alike.
+
+    From the most central one on (Kennard and Stone 1969, Computer aided design of experiments): the set covers the
+    postures within twice the best possible distance (Gonzalez 1985).
+    """
     chosen = [int(np.argmin(np.linalg.norm(q - q.mean(axis=0), axis=1)))]
     distance = np.linalg.norm(q - q[chosen[0]], axis=1)
     while len(chosen) < most and distance.max() > ALIKE_RAD:

@@ -127,6 +127,8 @@ class RobotModel:
             return _shaped(self.chain.parameter_jacobian(postures.q), at)
         parts = self._effect_parts(postures)
         q = self._turned(postures, parts)
+        # ∂/∂κ at the turned joints: exact. Φ and Ψ are of the nominal chain, so they have no derivative by its
+        # parameters
         columns, arms = self.chain.parameter_jacobian(q), self.chain.tool_jacobian(q)
         result = np.zeros((len(postures), 6, len(self.parameters)))
         result[..., : columns.shape[-1]] = columns
@@ -136,6 +138,7 @@ class RobotModel:
                 result[..., mine] = turned.columns(arms) if isinstance(turned, OwnTurns) else np.matmul(arms, turned)
             if shifted is not None:
                 result[:, :3, mine] += np.matmul(self.chain.base_now[:3, :3], shifted)
+        # the chain's own columns carry its TCP; a turn ω of the base turns the shift d of the effects too: ω × d
         result[:, :3, self._of_base] += np.cross(
             result[:, 3:, self._of_base], self._shift(postures, parts)[:, :, None], axisa=1, axisb=1, axisc=1
         )

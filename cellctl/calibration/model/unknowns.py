@@ -36,6 +36,9 @@ class Tolerances:
     `tool_deg` for a taught tool; `lost_zero_deg` for a joint that has lost its mastering, by a crash or a new motor.
     `flat_mm` and `flat_rad` are flat priors (base and tool in an instrument's frame, sphere centres): too wide to
     affect a result, finite so that every problem is well posed. Each effect states its own prior.
+
+    The defaults are estimates; no maker publishes these figures. A robot file states its make's own. Where the rows
+    contradict them, the evidence scales them (`solver.evidence`): a tolerance that is too small costs rows, not truth.
     """
 
     link_mm: float = 0.5
@@ -130,7 +133,7 @@ class Unknowns:
     prior (P, P): covariance in place of `sigma`, where more is known; parameters that are not free then have an
     uncertainty too, carried over into all results. pinned (H, P): combinations, in units of `sigma`, that stay
     at their start because they are unobservable; that does not make them certain: a row of length s > 1 has σ 1/s, one
-    of length 1 the whole tolerance.
+    of length 1 the whole tolerance (`estimate`, *Pinned*, and `identify._unobservable_placements`, which makes them).
     """
 
     start: State

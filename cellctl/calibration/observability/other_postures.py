@@ -18,8 +18,10 @@ ROWS = 60
 """Sample size of rows for each block."""
 
 STEPS = 40
+"""Maximum on the way back to a fixed point: 0.8 rad in steps of 0.4, and the rest for the last micrometre."""
+
 FURTHEST_RAD = 0.4
-"""Largest step of a joint on the way back to a fixed point."""
+"""Largest step of a joint on the way back to a fixed point: beyond it the Jacobian is another one."""
 
 BACK_MM = 1e-3
 """A TCP this near to its point has reached it."""

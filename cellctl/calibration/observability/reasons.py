@@ -21,10 +21,11 @@ from cellctl.calibration.rows.fixed_points import planes_of, pole_of
 from cellctl.kinematics import Bools, Floats, rotation_vector
 
 MOVED_RAD = 0.8
-"""Assumed motion of joints."""
+"""Joints are imagined to move by up to so much, rad, 46° to either side: what a person would do, within most joints'
+limits. Observability grows with it, and a reason counts only from `SEEN` on."""
 
 TURNS = 20_000
-"""Rows of a block, at most, that decide whether orientation changes."""
+"""Rows of a block, at most, that decide whether orientation changes: a limit of time alone."""
 
 SPHERE_MM = 150.0
 """A row nearer to its point than this touches a sphere; a ball-bar or a draw-wire is longer."""
@@ -244,6 +245,7 @@ def any_posture(rows: Rowed) -> Floats:
 
 
 def _varied(block: Measured) -> Measured:
+    """The rows under conditions that a person could vary: ±10 °C, 0 to 5 kg, currents of σ 2 A."""
     rng = np.random.default_rng(0)
     sides, count = rng.choice([-1.0, 1.0], block.q.shape), len(block)
     delta_t, payload, currents = rng.uniform(-10, 10, count), rng.uniform(0, 5, count), rng.normal(0, 2, block.q.shape)
@@ -314,7 +316,7 @@ def _from_either_side(block: Measured) -> Measured:
 
 
 def _varying(condition: str, block: Measured) -> Measured:
-    """The rows with a condition from 0 to 5, in an order independent of the postures."""
+    """The rows with a condition (°C, or kg) from 0 to 5, in an order independent of the postures."""
     return under(block, **{condition: np.random.default_rng(0).permutation(np.linspace(0.0, 5.0, len(block)))})
 
 

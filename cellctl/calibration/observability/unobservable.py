@@ -104,7 +104,7 @@ SEEN = 0.1
 """A combination is observable if one tolerance of it changes all rows together by this many standard deviations or
 more: they then take s²/(1 + s²) = 1 % off its prior variance."""
 
-NOTHING = 1e-9
+NO_EFFECT = 1e-9
 """An effect on the rows below this share of the largest one is rounding."""
 
 SHOWN = 3.0
@@ -160,16 +160,16 @@ class Observability:
 def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowed | None = None) -> Observability:
     """Rank and unseen combinations of a fit, from its data alone (no tolerance helps).
 
-    triangle: in place of the fit's own, as `estimate.seen_at_start` gives it: at the solution, errors of an identified
-    geometry can make combinations formally observable that are below the noise. rows: those of the fit, where reasons
-    are needed. Parameters of a session or a point without rows in the fit are not combinations: they get their own
-    reason.
+    triangle: in place of the fit's own, as `estimate.triangle_at_start` gives it: at the solution, errors of an
+    identified geometry can make combinations formally observable that are below the noise. rows: those of the fit,
+    where reasons are needed. Parameters of a session or a point without rows in the fit are not combinations: they get
+    their own reason.
     """
     triangle = estimate.triangle if triangle is None else triangle
     free = np.flatnonzero(estimate.unknowns.free)
     effect = np.linalg.norm(triangle, axis=0)
     owners = _owners(estimate.unknowns)[free]
-    nothing = effect <= NOTHING * effect.max(initial=0.0)
+    nothing = effect <= NO_EFFECT * effect.max(initial=0.0)
     there = ~np.isin(owners, sorted(set(owners[nothing]) - set(owners[~nothing]) - {""}))
     parameters = [estimate.unknowns.parameters[index] for index in free[there]]
     _, singular, right = np.linalg.svd(triangle[:, there])
@@ -250,6 +250,7 @@ def _sparse_combinations(unseen: Floats, effect: Floats, parameters: list[Parame
 
 
 def _preference(parameter: Parameter) -> float:
+    """Factor on a parameter's column in the pivoting: a link is preferred to an effect of up to ten times its share."""
     if parameter.of_the_arm:
         return 100.0
     return 1.0 if parameter.group in _PLACEMENTS else 10.0

@@ -183,7 +183,7 @@ class PredictedRows:
 
     @property
     def inside(self) -> Bools:
-        """Which rows (N,) lie within their 95 % region."""
+        """Which rows (N,) lie within their 95 % region: the ellipsoid rᵀS⁻¹r ≤ χ²_k(0.95)."""
         return np.asarray(self.p_value >= 0.05)
 
 

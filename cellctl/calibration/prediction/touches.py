@@ -51,6 +51,7 @@ def _estimate(task: Task, found: Estimate, point: int) -> PlaneEstimate:
     own = state.points_at + 3 * point + np.arange(3)
     covariance = found.covariance[np.ix_(own, own)]
     normal, offset = planes_of(pole)
+    # height at `middle` by the pole; the normal p/|p| turns by the part of dp across it, divided by |p|
     along, level = by_pole(pole[None], middle[None])[0], np.eye(3) - np.outer(normal, normal)
     tilts = max(float(np.trace(level @ covariance @ level)), 0.0) / float(pole @ pole)
     return PlaneEstimate(
@@ -66,6 +67,9 @@ def _estimate(task: Task, found: Estimate, point: int) -> PlaneEstimate:
 @dataclass(frozen=True, eq=False)
 class LocatedSphere:
     """A sphere located by touches with `model`: only the centre was fitted.
+
+    To first order N δc = δρ − L δθ, N (N, 3) the touches' normals: a distance moves the centre by N⁺ (`follows`), and
+    the model's error δθ by −N⁺ L (`columns`). At a stand-off with normal n it shows as n·(J δθ) − n·N⁺ L δθ.
 
     centre (3,), mm, in the model's gauge. follows (3, N): how the centre moves with each touch's distance, mm/mm.
     columns (N, P): how each touch's distance moves with the model's parameters. residuals (N,): distances of the

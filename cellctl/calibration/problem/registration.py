@@ -35,14 +35,20 @@ from cellctl.calibration.rows import Measured
 from cellctl.kinematics import Floats, SerialChain, pose
 
 STEPS = 4
-HELD = 1e-6
-"""Directions of base and tool whose share of the points' motion is smaller than this are not changed."""
+"""The problem is linear but for the base's turn, whose start is off by milliradians: the errors left fall from step to
+step as their squares, 1e-3, 1e-6, 1e-12."""
+
+RCOND = 1e-6
+"""Of the normal equations: directions of base and tool that move the points less than a thousandth (√1e-6) as far as
+the strongest are not changed."""
 
 NORMAL_MEDIAN = 0.6745
-"""Median of the size of a normally distributed number, in its σ."""
+"""Median of |x| of a standard normal x: the median absolute deviation divided by it estimates σ (Huber 1981, Robust
+Statistics)."""
 
-AS_WELL = 1.1
-"""A held tool leaves at most this many times the squares: where many rows are wrong their scatter says nothing."""
+HELD_AT_MOST = 1.1
+"""A held tool leaves at most this many times the squares of a free one, else it stays free: the scatter, and so the σ
+by which its directions are held, says nothing where many rows are wrong or the taught tool is far off."""
 
 PREFERRED = 0.25
 """The tool of the linear problem is used if its squared residual is below this share of the taught tool's: where
@@ -83,7 +89,10 @@ def fixed_points(models: Sequence[RobotModel], blocks: Sequence[Measured], rough
 
 
 def rigid_fit(points: Floats, measured: Floats) -> Floats:
-    """The pose (4, 4) that carries `points` (N, 3) nearest to `measured` (N, 3) (Kabsch); right-handed always."""
+    """The pose (4, 4) that carries `points` (N, 3) nearest to `measured` (N, 3) (Kabsch); right-handed always.
+
+    All points have the same weight, whatever their σ: these are start values.
+    """
     centre, there = points.mean(axis=0), measured.mean(axis=0)
     u, _, vt = np.linalg.svd((measured - there).T @ (points - centre))
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt
@@ -102,7 +111,7 @@ def base_and_tool(flange: Floats, measured: Floats, taught: Floats, taught_mm: f
     known = _known_directions(flange, measured, base, tool, taught_mm)
     if known.shape[1] < 3:
         held = _refined(flange, measured, taught[:3, 3], known)
-        if _sum_of_squares(flange, measured, *held) <= AS_WELL * _sum_of_squares(flange, measured, base, tool):
+        if _sum_of_squares(flange, measured, *held) <= HELD_AT_MOST * _sum_of_squares(flange, measured, base, tool):
             base, tool = held
     return base, pose(taught[:3, :3], tool)
 
@@ -125,6 +134,7 @@ def _placed(chain: SerialChain, q: Floats, measured: Floats, free: frozenset[Gro
         return chain.with_base(base).with_tool(tool)
     if "base" in free:
         return chain.with_base(rigid_fit(_tips(flange, np.eye(4), tool[:3, 3]), measured))
+    # the base is known: each row measures the tool in the flange frame, Rᵀ(B⁻¹m − p), and their mean is least squares
     wanted = (measured - base[:3, 3]) @ base[:3, :3] - flange[:, :3, 3]
     offset = np.einsum("nji,nj->ni", flange[:, :3, :3], wanted).mean(axis=0)
     return chain.with_tool(pose(tool[:3, :3], offset))
@@ -133,7 +143,7 @@ def _placed(chain: SerialChain, q: Floats, measured: Floats, free: frozenset[Gro
 def _relaxed_tool(flange: Floats, measured: Floats) -> Floats:
     """The tool (3,) of the linear problem in which the base may be any affine map."""
     middle = measured - measured.mean(axis=0)
-    size = max(float(np.abs(middle).max()), 1e-9)
+    size = max(float(np.abs(middle).max()), 1e-9)  # the columns of G in the size of those of t
     lines = np.zeros((len(flange), 3, 15))
     for axis in range(3):
         lines[:, axis, 3 * axis : 3 * axis + 3] = middle / size
@@ -151,7 +161,7 @@ def _refined(flange: Floats, measured: Floats, tool: Floats, along: Floats) -> t
     for _ in range(STEPS):
         lines, residual, size = _linear(flange, measured, base, tool)
         lines = np.hstack([lines[:, :6], lines[:, 6:] @ along])
-        step = np.linalg.lstsq(lines.T @ lines, lines.T @ residual, rcond=HELD)[0]
+        step = np.linalg.lstsq(lines.T @ lines, lines.T @ residual, rcond=RCOND)[0]
         turn = Rotation.from_rotvec(step[:3] / size).as_matrix()
         base = pose(turn @ base[:3, :3], base[:3, 3] + step[3:6])
         tool = tool + along @ step[6:]
@@ -209,8 +219,8 @@ def _point(models: Sequence[RobotModel], blocks: Sequence[Measured], index: int)
     return np.full(3, np.nan)
 
 
-EVEN = 1000.0
-"""Scale between mm and mm², so that the columns of both have similar size."""
+CONSTANT_SCALE_MM2 = 1000.0
+"""Unit of the constants |a|² − z² of the linear problem, so that their columns have the size of the others: metres."""
 
 
 def with_datums(state: State, blocks: Sequence[Measured]) -> State:
@@ -261,6 +271,7 @@ class _Lengths:
     def datum(self, points: Floats) -> float:
         """Its reading at length 0, with free points; where the rows leave it open, near `points` (S, 3) and 0."""
         lines, right = self._linear(points)
+        # no length is negative, so that no zero is above the smallest reading
         return float(min(_solved(np.column_stack([lines, -2.0 * self.shown]), right)[-1], self.shown.min()))
 
     def place(self, point: int, near: Floats, datum: float) -> Floats:
@@ -271,12 +282,12 @@ class _Lengths:
 
     def _linear(self, points: Floats) -> tuple[Floats, Floats]:
         """Lines (N, 4 U) and right side (N,), mm²: the steps of its U points from `points` (S, 3), mm, and
-        the constants, `EVEN` mm² each.
+        the constants, `CONSTANT_SCALE_MM2` mm² each.
         """
         there, number = np.unique(self.point, return_inverse=True)
         away, each = self.tcps - points[self.point], np.arange(len(self.shown))
         lines = np.zeros((len(self.shown), len(there), 4))
-        lines[each, number, :3], lines[each, number, 3] = 2.0 * away, EVEN
+        lines[each, number, :3], lines[each, number, 3] = 2.0 * away, CONSTANT_SCALE_MM2
         return lines.reshape(len(self.shown), -1), np.sum(away**2, axis=1) - self.shown**2
 
 

@@ -86,7 +86,10 @@ class Task:
 
     @property
     def has_new_tool(self) -> bool:
-        """Whether a prior model has a new tool, measured only by distances with known zeros."""
+        """Whether a prior model has a new tool, measured only by distances with known zeros.
+
+        Tool and points are then multiplied with each other, and have local optima: `solver.tool_search`.
+        """
         touched = all(block.distances is not None for block in self.rows.blocks if len(block)) and not self.datums
         return self.is_partial_update and "tool" in self.free_groups and touched
 

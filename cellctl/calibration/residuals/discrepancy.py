@@ -1,11 +1,23 @@
 """Remaining error besides a model's other terms: a smooth random function of the joints, one for each axis.
 
-y = f(q; θ) + δ(q) + ε: a model that lacks something (gear, bearings, bending) leaves an error that depends on the
-joints. Taken for noise, it biases θ and makes σ too small, as its errors at neighbouring postures are not independent.
-As a Gaussian process *inside* the fit it competes with θ by their priors, and what is known of it widens σ away from
-the rows (Kennedy and O'Hagan 2001, Bayesian calibration of computer models, doi 10.1111/1467-9868.00294). δ may take
-over what θ could explain as well: so it joins only by evidence, and only if it predicts held-out rows better
-(`identify`).
+**Model.** A model that lacks something (gear, bearings, bending) leaves an error that depends on the joints:
+
+    y = f(q; θ) + δ(q) + ε,    δ_a ~ GP(0, s² k),  a = x, y, z,    k(q, q') = exp(−‖q − q'‖²/2ℓ²).
+
+Taken for noise, δ biases θ and makes σ too small, as its values at neighbouring postures are not independent: over a
+region of size ℓ a thousand rows know the mean of δ no better than one. As a Gaussian process *inside* the fit it
+competes with θ by their priors, and the variance that the rows leave of it widens σ away from them (Kennedy and O'Hagan
+2001, Bayesian calibration of computer models, doi 10.1111/1467-9868.00294; their ρ is 1 here).
+
+**Estimate.** By the expansion δ = Σ_m φ_m(q) κ_m at M centres (`PostureBasis`) it is linear in κ ~ N(0, s²), and θ and
+κ are estimated together as any other amounts: generalised least squares with the covariance s² φφᵀ + σ² I of the rows,
+without a matrix of that size. s is `expected` times the prior scale that the evidence finds; ℓ depends on the postures
+alone.
+
+**Confounding.** What ∂f/∂θ spans, δ spans as well in part: a constant δ is a moved base. The priors decide, s against
+the tolerances; a δ that is not needed would take from θ. So it joins only where residuals are larger than noise and
+tolerances predict, by evidence, and only if it predicts held-out rows better (`identify`). A flat prior (base, tool)
+always wins against s: there is no such exchange.
 """
 
 from __future__ import annotations

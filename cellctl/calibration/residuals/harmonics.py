@@ -21,7 +21,9 @@ prior of each band of each joint before the data scale it. Joints 1 to 3 of the 
 0.4e-4 … 3e-4 in each band."""
 
 BANDS = ((1, 2), (3, 5), (6, 11), (12, 23), (24, 48))
-"""Waves per turn, octave by octave: the amplitude of a band is one number, found from the data."""
+"""Waves per turn, octave by octave: the amplitude of a band is one number, found from the data. The fastest has a
+period of 7.5°; ripple of the motor's side (a gear ratio of 100: hundreds per turn) is faster than postures can sample,
+and stays noise."""
 
 SLOW = 5
 """Up to so many waves per turn a band extrapolates by some tens of degrees; faster ones cancel beyond the rows."""
@@ -102,8 +104,9 @@ class Harmonics(ResidualModel):
     def sigma(self) -> Floats:
         """Prior 1 σ about 0, rad.
 
-        A band of W waves has 2W amounts of variance expected²/W: over a turn Σ s sin mq + c cos mq has the RMS
-        `expected`. With cos mq − 1 that is the RMS about the mean of the turn; about 0 it is √2 times as much.
+        A band of W waves has 2W amounts of variance v = expected²/W. Σ s sin mq + c cos mq has the variance W v =
+        expected² at each q, so that is its RMS over a turn. With cos mq − 1 it is the RMS about the mean of the turn;
+        about 0 the variance v (sin² + (cos − 1)²) = v (2 − 2 cos mq) of a wave is 2 v on average: √2 times as much.
         """
         counts = {band: self.bands.count(band) for band in dict.fromkeys(self.bands)}
         return np.array([self.expected * np.sqrt(2.0 / counts[band]) for band in self.bands])

@@ -1,9 +1,27 @@
 """The anisotropic field: a Gaussian process on each axis, with a length of each joint that the rows determine.
 
-Kernel: a² exp(−½ Σ_j (q_j − q'_j)²/ℓ_j²), and the nugget s² for each row. The logarithm of the marginal likelihood and
-its gradient are closed forms (Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, eq. 5.8 and 5.9).
-With M = (ααᵀ − C⁻¹) ∘ K the derivative by log ℓ_j is Σ_n z²_nj Σ_m M_nm − Σ_n z_nj (M z)_nj, z = q/ℓ: two matrix
-products for all joints, without an array for each.
+**Model.** On each axis of the base the errors e (N,) that the other terms leave are
+
+    e ~ N(0, C),    C = K + V + s² I,    K_nm = a² exp(−½ Σ_j (q_nj − q_mj)²/ℓ_j²),
+
+ℓ_j the length of joint j, a the amplitude, s the nugget (noise, and what changes faster than ℓ). V is the covariance
+J C_θ Jᵀ of what the other terms may still explain of e, by their own priors: without it the process would be given
+what a fit of the links takes over afterwards.
+
+**Hyper-parameters.** They maximise the logarithm of the marginal likelihood plus that of log-normal priors. With α =
+C⁻¹e
+
+    ln p = −½ eᵀα − ½ ln|C| − ½ N ln 2π,    ∂ln p/∂h = ½ tr((ααᵀ − C⁻¹) ∂C/∂h)
+
+(Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, eq. 5.8 and 5.9). All h are logarithms, so each
+parameter is positive and its prior is normal. With M = (ααᵀ − C⁻¹) ∘ K and z = q/ℓ
+
+    ∂/∂ln ℓ_j = Σ_n z²_nj Σ_m M_nm − Σ_n z_nj (M z)_nj,    ∂/∂ln a = Σ_nm M_nm,    ∂/∂ln s = s² (αᵀα − tr C⁻¹):
+
+two matrix products for all joints, without an array for each. L-BFGS-B climbs from the medians of the priors.
+
+**Then** it is an effect: expanded at M centres in z, where its kernel is the isotropic one of `PostureBasis` with ℓ =
+1, its amounts are estimated together with the links (decision 36).
 """
 
 from __future__ import annotations
@@ -22,25 +40,27 @@ from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.residual_model import PostureBasis, Remainder, ResidualModel, spread
 from cellctl.kinematics import Floats, SerialChain
 
-SHARP = 1e-10
-"""The search ends at a relative change of the likelihood below this."""
+FTOL = 1e-10
+"""L-BFGS-B ends at a relative change of the likelihood below this."""
 
-GRADIENT = 1e-5
-"""The same for its greatest derivative."""
+GTOL = 1e-5
+"""The same for its greatest derivative, nats per factor e."""
 
 ITERATIONS = 200
+"""Bound of a search that ends after some tens: without it one that alternates would not end."""
 
-NOTHING = -20.0
-"""Logarithm of an amplitude that changes nothing, mm."""
+LOG_NO_PROCESS = -20.0
+"""Logarithm of an amplitude in mm, e⁻²⁰ = 2e-9: K is far below any nugget, and C has no process."""
 
 NUGGETS = 8
-"""So many are tried in place of a process."""
+"""So many are tried in place of a process, from s to √(s² + a²), where all of it is noise. A step of the grid is at
+most a factor of (1 + a²/s²)^(1/14)."""
 
 
 @final
 @dataclass(frozen=True, slots=True)
 class LogNormal:
-    """What is known of a positive number beforehand: median, 1 σ of its natural logarithm, and bounds."""
+    """Log-normal prior of a positive number: median, 1 σ of its natural logarithm, and bounds of the search."""
 
     median: float
     sigma: float
@@ -53,11 +73,13 @@ class LogNormal:
 
 
 LENGTH_RAD = LogNormal(2.0, 1.0, 0.3, 30.0)
-"""Errors of weight and geometry change over some tens of degrees of a joint. The longest one is no influence at all."""
+"""Errors of weight and geometry change over some tens of degrees of a joint; 1 σ is a factor e. The longest one, five
+turns, is no influence at all; a shorter one than 0.3 (17°) would need more postures than anybody measures."""
 
 AMPLITUDE = LogNormal(1.0, 1.5, 1e-2, 30.0)
 NUGGET = LogNormal(0.1, 2.0, 1e-3, 3.0)
-"""Both in standard deviations of the errors."""
+"""Both in standard deviations of the errors, for errors of any size (error maps): 1 σ a factor of 4 and 7, so wide that
+the rows decide."""
 
 
 @final
@@ -98,18 +120,18 @@ class AxisProcess:
         medians, sigmas = np.log([one.median for one in each]), np.array([one.sigma for one in each])
         bounds = [(float(np.log(one.low)), float(np.log(one.high))) for one in each]
 
-        def improbable(logs: Floats) -> tuple[float, Floats]:
+        def negative_log_posterior(logs: Floats) -> tuple[float, Floats]:
             value, slopes = likelihood(logs, q, errors, known)
             away = (logs - medians) / sigmas
             return 0.5 * float(away @ away) - value, away / sigmas - slopes
 
         found = minimize(
-            improbable,
+            negative_log_posterior,
             medians,
             jac=True,
             bounds=bounds,
             method="L-BFGS-B",
-            options={"ftol": SHARP, "gtol": GRADIENT, "maxiter": ITERATIONS},
+            options={"ftol": FTOL, "gtol": GTOL, "maxiter": ITERATIONS},
         )
         values = np.exp(found.x)
         best = likelihood(found.x, q, errors, known)[0]
@@ -123,7 +145,9 @@ class AxisProcess:
         """Rise of the logarithm of the marginal likelihood by the process, compared with the best nugget alone."""
         lengths = np.log(self.lengths)
         nuggets = np.geomspace(self.nugget, np.hypot(self.nugget, self.amplitude), NUGGETS)
-        alone = (likelihood(np.array([*lengths, NOTHING, np.log(each)]), q, errors, known)[0] for each in nuggets)
+        alone = (
+            likelihood(np.array([*lengths, LOG_NO_PROCESS, np.log(each)]), q, errors, known)[0] for each in nuggets
+        )
         return self.log_likelihood - max(alone)
 
 
@@ -135,9 +159,10 @@ def likelihood(logs: Floats, q: Floats, errors: Floats, known: Floats | None = N
     scaled = q * np.exp(-logs[:-2])
     kernel = np.exp(2.0 * logs[-2]) * np.exp(-0.5 * _squared_distances(scaled, scaled))
     covariance = kernel if known is None else kernel + known
+    # 1e-12 a²: repeated postures make K singular, and the nugget may be a millionth of a
     covariance = covariance + (np.exp(2.0 * logs[-1]) + 1e-12 * np.exp(2.0 * logs[-2])) * np.eye(count)
     root, failed = dpotrf(covariance.T, lower=1, overwrite_a=1)
-    if failed:
+    if failed:  # not positive definite by rounding: the line search steps back from here
         return -1e12, np.zeros_like(logs)
     half = float(np.sum(np.log(np.diag(root))))
     inverse, _ = dpotri(root, lower=1, overwrite_c=1)
@@ -158,7 +183,7 @@ def _squared_distances(a: Floats, b: Floats) -> Floats:
 
 
 ROWS_AT_LEAST = 30
-"""Fewer rows do not determine a length of each joint."""
+"""Fewer rows do not determine a length of each of six or seven joints, an amplitude and a nugget on each axis."""
 
 CENTRES = 128
 """Twice as many as a discrepancy has: along some joints its length may be short."""

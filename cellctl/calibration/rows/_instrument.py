@@ -73,8 +73,9 @@ def independent(covariance: Floats) -> tuple[Floats, Floats]:
     """sigma (N, k) and matrices (N, k, k) that make numbers of these covariances (N, k, k) independent; k is 3 or 6.
 
     Positions: their principal axes. Turns, if any, less what the position predicts of them (C_tp C_pp⁻¹), along the
-    principal axes of the rest: so the first three numbers stay lengths and the last three angles. Raises LinAlgError
-    or ValueError where a covariance is not positive definite.
+    principal axes of the rest: so the first three numbers stay lengths and the last three angles, each with a noise
+    scale of its own (a Cholesky or eigenvector root of the whole matrix would mix mm and rad). Raises LinAlgError or
+    ValueError where a covariance is not positive definite.
     """
     count, size = covariance.shape[:2]
     matrices = np.tile(np.eye(size), (count, 1, 1))
@@ -226,7 +227,11 @@ class PoseRows(_InstrumentRows):
 
 
 def _left_jacobian_inverse(turns: Floats) -> Floats:
-    """Inverse left Jacobian of SO(3) (N, 3, 3) at rotation vectors (N, 3): 1 − ½[φ] + (1/φ² − cot(φ/2)/(2φ)) [φ]²."""
+    """Inverse left Jacobian of SO(3) (N, 3, 3) at rotation vectors (N, 3): 1 − ½[φ] + (1/φ² − cot(φ/2)/(2φ)) [φ]².
+
+    Solà, Deray and Atchuthan 2018, A micro Lie theory for state estimation in robotics, eq. 146. The factor of [φ]² is
+    1/12 + φ²/720 + …: below 1e-4 rad 1/12 is exact, and the two terms would cancel.
+    """
     angle = np.linalg.norm(turns, axis=-1)
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)

@@ -22,6 +22,10 @@ from cellctl.kinematics.low_discrepancy import evenly
 CENTRE_STEPS = 8
 """Of Gauss–Newton at the most; it ends where a step comes no closer."""
 
+RCOND = 1e-6
+"""Directions whose singular value is below this share of the greatest are left alone: a cap so small that it shows no
+curvature, or points on a line."""
+
 
 def sphere_centre(tcps: Floats, reach: Any) -> Floats:
     """Centre (3,) of the sphere of radius `reach` (N,), mm, that fits the points `tcps` (N, 3) best.
@@ -34,7 +38,7 @@ def sphere_centre(tcps: Floats, reach: Any) -> Floats:
     mean = tcps.mean(axis=0)
     away = tcps - mean
     lines = np.concatenate([2.0 * away, np.ones((len(tcps), 1))], axis=1)
-    linear = np.linalg.lstsq(lines, np.sum(away**2, axis=1) - reach**2, rcond=1e-6)[0][:3]
+    linear = np.linalg.lstsq(lines, np.sum(away**2, axis=1) - reach**2, rcond=RCOND)[0][:3]
     across = reach.mean() * np.linalg.eigh(away.T @ away)[1][:, 0]
     found = [_nearer_centre(away, reach, start) for start in (linear, across, -across)]
     return np.asarray(mean + min(found, key=lambda centre: _off_surface(away, reach, centre)))
@@ -45,7 +49,7 @@ def _nearer_centre(points: Floats, reach: Floats, centre: Floats) -> Floats:
     for _ in range(CENTRE_STEPS):
         away = points - centre
         distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-        tried = centre + np.linalg.lstsq(-away / distance[:, None], reach - distance, rcond=1e-6)[0]
+        tried = centre + np.linalg.lstsq(-away / distance[:, None], reach - distance, rcond=RCOND)[0]
         if _off_surface(points, reach, tried) >= _off_surface(points, reach, centre):
             break
         centre = tried
@@ -84,9 +88,13 @@ def _from_their_plane(tcps: Floats) -> Floats:
 def _from_their_sphere(tcps: Floats, reach: Floats, shifted: bool) -> Floats:
     """Squared distances (C, N) from the surface of the sphere that fits `tcps` (C, N, 3) best.
 
-    shifted: its radius and `reach` (N,) differ by an unknown amount.
+    shifted: its radius and `reach` (N,) differ by an unknown amount z, the datum. Then |p − c| = ρ − z, and
+
+        |p|² − ρ² = 2 p·c − 2 ρ z + k,    k = z² − |c|²,
+
+    is linear in c, z and k, about the points' mean; ρ is counted from its mean, which changes z alone.
     """
-    if tcps.shape[1] < 5 + shifted:
+    if tcps.shape[1] < 5 + shifted:  # 4 or 5 unknowns fit so few exactly, for every candidate: rank by their extent
         return _from_their_mean(tcps)
     away = tcps - tcps.mean(axis=1, keepdims=True)
     unit, own = np.ones((*away.shape[:2], 1)), reach - reach.mean() if shifted else reach
@@ -287,7 +295,8 @@ ACROSS_MM = 300.0
 """Largest shift of a touch on a plane along each axis (`anywhere`)."""
 
 CARRIED_MM = 30.0
-"""A part of the robot further from the TCP than this shows the side of the touch."""
+"""A part of the robot further from the TCP than this, on average, shows the side of the touch: a nearer one (a flange
+at the tool's tip) may be on either side of the plane by its own error."""
 
 
 @final
@@ -386,7 +395,10 @@ def pole_of(normal: Floats, offset: float) -> Floats:
 
 
 def by_pole(poles: Floats, points: Floats) -> Floats:
-    """Derivative (N, 3) by the pole of the height of `points` (N, 3), mm, above the planes with `poles` (N, 3), mm."""
+    """Derivative (N, 3) by the pole of the height of `points` (N, 3), mm, above the planes with `poles` (N, 3), mm.
+
+    Of n·x − d with n = p/|p| and d = (|p| − s²/|p|)/2: (x − (n·x) n)/|p| − ½ (1 + s²/|p|²) n.
+    """
     length = np.maximum(np.linalg.norm(poles, axis=-1, keepdims=True), 1e-9)
     normal = poles / length
     across = points - np.sum(normal * points, axis=-1, keepdims=True) * normal

@@ -116,10 +116,9 @@ class Linear:
         """χ² of the kept rows about the model, and of the unknowns x (F,) about their prior."""
         return float(np.sum((self.away[kept] + self.columns[kept] @ x) ** 2) + x @ self.prior @ x)
 
-    def seen(self, noise: Floats) -> float:
-        """Natural logarithm of the ratio by which all rows, their standard deviations times `noise` (Q,), shrink the
-        volume of possible x: ½ ln|A|, with all rows, also those left out. ½ ln|C| is left out: noise does not change
-        it.
+    def half_log_det(self, noise: Floats) -> float:
+        """½ ln|A| with all rows, also those left out, their standard deviations times `noise` (Q,): the Occam factor,
+        by which the rows shrink the volume of possible x. ½ ln|C| is not in it: noise does not change it.
         """
         square = self.known + np.einsum("q,qfg->fg", noise[self._kinds] ** -2.0, self._squares)
         return float(0.5 * np.linalg.slogdet(square)[1])
@@ -264,6 +263,7 @@ class Folded:
         """
         known = np.sum([np.diag(normal.JtJ) for normal in left.values()], axis=0) if left else np.zeros(len(at))
         there = np.einsum("nkf,nkf->f", columns, columns)
+        # 1e-9: the sums without the fold are differences, and what the others do not determine is rounding
         unknown = self.registering[at] & (known <= 1e-9 * there) & (there > 0.0)
         if not unknown.any():
             return residual, False

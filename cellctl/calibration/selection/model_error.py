@@ -37,7 +37,7 @@ STANDARD_ERRORS = 2.0
 
 WORSE_AT_END = 1.2
 """The mean error of held-out rows at an end of a joint's range may be this many times that without the residual
-model."""
+model: it returns to its prior there, which adds some variance even where it holds; one that fails is off by factors."""
 
 Terms: TypeAlias = tuple[Bools, Mapping[Factor, float]]
 """A model: which of the unknowns (F,) it has, and its logarithms of noise and prior scales."""
@@ -99,7 +99,7 @@ def _ratio(before: Floats, after: Floats) -> float:
 
 
 ROWS_AT_LEAST = 10
-"""Fewer rows tell no function of the joints from scatter."""
+"""Of a residual model: fewer rows tell no function of six joints from scatter."""
 
 SHOWN = 2.0
 """A residual model has to raise the logarithm of the evidence by this: seven times as probable. A spurious one only

@@ -45,6 +45,16 @@ BLOCK = 2048
 """Rows linearised at a time."""
 
 ITERATIONS = 60
+"""From nominal 4 to 10 are usual; so many only where rows contradict each other, each step lowering the cost a
+little."""
+
+UNDAMPED = 1e-9
+"""μ, relative to the squared norm of the largest column: the first damping after a step that failed, tenfold each time;
+below it, none. In a well-posed problem it changes nothing above the rounding of JᵀJ."""
+
+STUCK = 1e6
+"""μ at which steps are a millionth of the gradient's scale: a smaller one cannot lower the cost either."""
+
 PINNED = 1e4
 """Pinned combinations are held to a ten-thousandth of their tolerance: stiff enough not to move, and its
 square leaves the rows beside it eight digits in normal equations (`held_beforehand`)."""
@@ -182,9 +192,9 @@ def estimate(
             x, cost, folded = tried, new_cost, None
             if follow:
                 follow(problem.deviations(x))
-            damping = damping * 0.1 if damping > 1e-9 else 0.0
-        elif damping < 1e6:
-            damping = max(damping * 10.0, 1e-9)
+            damping = damping * 0.1 if damping > UNDAMPED else 0.0
+        elif damping < STUCK:
+            damping = max(damping * 10.0, UNDAMPED)
         else:
             ended = "no step lowers the residual any further: rows contradict the model, or each other"
             break
@@ -204,14 +214,14 @@ def estimate(
     )
 
 
-def seen_at_start(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+def triangle_at_start(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
     """`Estimate.triangle` (F, F) where the unknowns are expected."""
     problem = _Problem.of(unknowns, blocks)
     return problem.fold(np.zeros(problem.free.size), problem.free, problem.scale)[:, :-1]
 
 
-def seen_despite_tolerances(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
-    """`seen_at_start` (F, F), with the model's error as extra noise: the effect on the rows (RMS over all) of held
+def triangle_with_model_error(unknowns: Unknowns, blocks: Sequence[Rows]) -> Floats:
+    """`triangle_at_start` (F, F), with the model's error as extra noise: the effect on the rows (RMS over all) of held
     unknowns within what is known of them, as far as the free ones cannot absorb it. With L their triangle below that of
     the free ones and C their prior covariance: R/√(1 + v), v = tr(L C Lᵀ)/n.
     """
@@ -272,8 +282,8 @@ def _covariance(problem: _Problem, x: Floats, triangle: Floats) -> Floats:
 
 def _of_the_pinned(pinned: Floats, triangle: Floats, own: Floats) -> Floats:
     """Covariance (F, F) of the free unknowns from pinned combinations, each uncertain by its whole tolerance, or by its
-    share 1/s of it (rows of length s > 1); `own` is the covariance with these exact. The rows
-    are scaled right singular vectors (`identify._unseen`), orthogonal to each other: R of their QR holds their lengths.
+    share 1/s of it (rows of length s > 1); `own` is the covariance with these exact. The rows are scaled right singular
+    vectors (`identify._unobservable_placements`), orthogonal to each other: R of their QR holds their lengths.
     """
     along, lengths = np.linalg.qr(pinned.T)
     along = along / np.maximum(np.abs(np.diag(lengths)), 1.0)
@@ -317,5 +327,6 @@ def pins(unknowns: Unknowns, free: Any) -> Floats:
 def _inverse_root(covariance: Floats) -> Floats:
     """W (F, F) with WᵀW the inverse of `covariance`; exactly known combinations get a tiny variance."""
     values, vectors = np.linalg.eigh(covariance)
+    # of the greatest: 1e-7 of the greatest σ, the rounding of a prior model's file and of its inverse
     floor = 1e-14 * max(float(values.max(initial=0.0)), 1e-300)
     return np.asarray((vectors / np.sqrt(np.maximum(values, floor))).T)

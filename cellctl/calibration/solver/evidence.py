@@ -55,10 +55,16 @@ Of 100 clean sums 0.6 (large ν) to 3 (ν = 1) are. A false alarm only costs tim
 Factor: TypeAlias = tuple[str, int]
 """What may be larger than stated: ("noise", number in `RowBlocks.quantities`) or (a group of parameters, 0)."""
 
-_NEVER_LOOSENED = ("points", "datums", "base")
+_NEVER_SCALED = ("points", "datums", "base")
+"""Groups whose prior is flat, or stated by whoever measured the zero: there is nothing to widen."""
 
 SCALE_SIGMA = 1.0
-"""1 σ of the natural logarithm of such a scale about 0, before the data."""
+"""1 σ of the natural logarithm of a prior scale about 0, before the data: a stated size or tolerance is right within a
+factor e, and one three times too small (1.1 σ) costs half a nat."""
+
+FLAT_MM = 100.0
+"""A prior σ from here on is flat: between those of tools (2 mm) and `Tolerances.flat_mm` (1000). A flat turn has σ 1
+rad, and is found by the flat lengths of its group."""
 
 LARGEST: Mapping[Group, float] = {"links": 20.0, "zeros": 100.0, "tool": 500.0}
 """Largest prior scale of the tolerances: links 10 mm off, joint zeros 5°, a tool a metre. Beyond it is no robot of this
@@ -66,10 +72,10 @@ file; without a bound, rows in which links hardly show themselves make a scale o
 noise. Lost mastering has a flat prior instead (`--free zeros`). A prior model's σ is no tolerance: not bounded."""
 
 UNBOUNDED = float(np.exp(12.0))
-"""Of noise, and of a prior model's σ: only the search needs an end."""
+"""Of noise, and of a prior model's σ: only the search needs an end, e¹² = 160 000."""
 
-SHARP = 1e-5
-"""Iteration stops at a relative change of the evidence below this."""
+FTOL = 1e-5
+"""L-BFGS-B ends at a relative change of ln p below this: of some thousand nats 0.01, far below `SUPPORTED`."""
 
 
 def unexpected(found: Estimate, rows: RowBlocks) -> bool:
@@ -103,11 +109,11 @@ def _unexpected_parameters(found: Estimate) -> bool:
 
 def scalable(unknowns: Unknowns) -> tuple[str, ...]:
     """Names (`Unknowns.scaled_with`) of parts of the prior that are scaled together: free, with a prior."""
-    known = unknowns.free & (unknowns.sigma < 100.0)  # flat: 1000 mm; a flat turn (1 rad) shares its group
+    known = unknowns.free & (unknowns.sigma < FLAT_MM)
     names = unknowns.scaled_with
     there = dict.fromkeys(name for name, is_known in zip(names, known, strict=True) if is_known)
-    flat = {name for name, is_flat in zip(names, unknowns.sigma >= 100.0, strict=True) if is_flat}
-    fixed = {*_NEVER_LOOSENED, *flat, *(group for group, kind in kinds().items() if kind.prior_scales is None)}
+    flat = {name for name, is_flat in zip(names, unknowns.sigma >= FLAT_MM, strict=True) if is_flat}
+    fixed = {*_NEVER_SCALED, *flat, *(group for group, kind in kinds().items() if kind.prior_scales is None)}
     return tuple(name for name in there if name not in fixed)
 
 
@@ -131,7 +137,7 @@ def factors(found: Estimate, unknowns: Unknowns, rows: RowBlocks, certified: Seq
     return System.of(unknowns, found.deviations, rows, certified).factors()
 
 
-STEEP = 2.0
+SLOPE_AT_LEAST = 2.0
 """Beside hundreds of amounts, a factor is not tried where the evidence rises more slowly than this with its log, nats
 per factor of e: each trial is a search, with a Cholesky factor of all amounts at every step."""
 
@@ -245,6 +251,7 @@ class System:
     def factors(self) -> dict[Factor, float]:
         """Noise and prior scales that are not 1."""
         tuned, _ = self.tuned()
+        # at its bound a logarithm is 0 within the rounding of the search
         return {factor: float(np.exp(value)) for factor, value in tuned.items() if abs(value) > 1e-6}
 
     def tuned(self, begin: Mapping[Factor, float] | None = None) -> tuple[dict[Factor, float], float]:
@@ -257,7 +264,7 @@ class System:
         else:
             chosen = {}
         best, slopes = self.evidence(chosen)
-        least = STEEP if self._estimated else 0.0
+        least = SLOPE_AT_LEAST if self._estimated else 0.0
         while True:
             promising = [factor for factor in self._open if factor not in chosen and slopes[factor] > least]
             wider = [self._tuned(chosen, (factor,)) for factor in promising]
@@ -296,13 +303,15 @@ class System:
 
         names = [*chosen, *more]
 
-        def improbable(logs: Floats) -> tuple[float, Floats]:
+        def negative_log_evidence(logs: Floats) -> tuple[float, Floats]:
             value, slopes = self.evidence({**(fixed or {}), **dict(zip(names, logs.tolist(), strict=True))})
             return -value, -np.array([slopes[name] for name in names])
 
         start = np.array([*chosen.values(), *(self.guess(factor) for factor in more)])
         bounds = [tuple(np.log(self._bounds(name)).tolist()) for name in names]
-        found = minimize(improbable, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"ftol": SHARP})
+        found = minimize(
+            negative_log_evidence, start, jac=True, bounds=bounds, method="L-BFGS-B", options={"ftol": FTOL}
+        )
         return -float(found.fun), dict(zip(names, found.x.tolist(), strict=True))
 
     def _bounds(self, factor: Factor) -> tuple[float, float]:
@@ -311,7 +320,10 @@ class System:
         return self.of_effects.get(factor, (1.0, LARGEST.get(group, UNBOUNDED) if self.independent else UNBOUNDED))
 
     def guess(self, factor: Factor) -> float:
-        """Start value of a factor's logarithm: how much larger than predicted residuals, or parameters, are."""
+        """Start value of a factor's logarithm: how much larger than predicted residuals, or parameters, are.
+
+        At least 0.3, a factor of 1.35: the search begins off its lower bound 1, where a small slope would end it.
+        """
         if factor in self.numbers:
             normal = self.numbers[factor]
             squares = normal.rtr + 2.0 * normal.Jtr @ self.x + self.x @ normal.JtJ @ self.x
@@ -376,7 +388,8 @@ def _pins(unknowns: Unknowns, about: Any) -> NormalEquations:
 
 def _inverse(square: Floats) -> tuple[Floats, float]:
     """Inverse of a positive definite matrix (F, F), whose unknowns may differ a million times in precision, and the
-    logarithm of its determinant.
+    logarithm of its determinant. Scaled to a unit diagonal first, which is within a factor F of the scaling with the
+    best condition (van der Sluis 1969).
     """
     scale = 1.0 / np.sqrt(np.diag(square))
     root = _root(square * scale * scale[:, None])

@@ -1,10 +1,18 @@
 """A new tool and the points it touches, found from many starts at once, and tools that explain the rows as well.
 
-A touch gives |t + p − c| = ρ for a tool t at the flange p and a centre c: tool and centre are multiplied, and least
-squares from where the tool was stated to be ends in whichever local optimum is nearest.
+A touch gives |p + R t − c| = ρ for flange position p and rotation R, a tool t and a centre c. Squared, Rᵀc·t remains:
+tool and centre are multiplied, and least squares from where the tool was stated to be ends in whichever local optimum
+is nearest.
 
-Each tool is weighed by the probability of the rows, integrated over the prior of all other parameters:
-−2 ln p = r S⁻¹ r + ln det S with S = I + J P Jᵀ. An uncertain robot lowers the penalty of a tool's residuals.
+**Search.** The robot is held, so that tool and S centres are 3 + 3 S numbers, few enough for many starts in one batch:
+the stated tool and points on `SHELLS_MM` about it, then about the best found, each followed to its optimum by
+Levenberg–Marquardt with Marquardt's scaling (damping in proportion to the diagonal of JᵀJ; Marquardt 1963).
+
+**Which one.** Each tool is judged by the probability of the rows, integrated over the prior P of all parameters:
+
+    −2 ln p = rᵀS⁻¹r + ln det S,    S = I + J P Jᵀ.
+
+An uncertain robot lowers the penalty of a tool's residuals. The odds of two tools are exp(½ (their difference)).
 """
 
 from __future__ import annotations
@@ -34,23 +42,26 @@ UNSEEN = 1e-30
 """Holds tool and points that no distance determines: a point that starts at the TCP has no gradient."""
 
 STEPS = 40
+"""Maximum of each descent; one that needs more is in a flat valley, and no distinct optimum."""
+
 SETTLED = 1e-6
 """A step that lowers χ² by less than this, absolutely or relative to it, is the last."""
 
 TOUCHES = 200
-"""The search uses at most so many touches."""
+"""The search uses at most so many touches: enough for tool and points; the fit then uses all."""
 
 APART_MM = 0.5
-"""Tools nearer than this to each other are one."""
+"""Tools nearer than this to each other are one: descents end within micrometres of their optimum, and distinct optima
+were 7 mm apart or more."""
 
-MOST = 8
+TOOLS_AT_MOST = 8
 """At most so many distinct tools are kept, those nearest to the rows."""
 
 IMPROBABLE = 0.01
 """A tool whose probability relative to the best is below this is rejected."""
 
 ALIKE = 0.5
-"""Two tools with odds of at least this count as equally probable."""
+"""Two tools with odds of at least this are called equally probable in the message; nothing else depends on it."""
 
 BEYOND = 16.3
 """A tool within this squared distance, in σ, of the one found is the same: 99.9 % of χ² with three degrees."""
@@ -118,7 +129,7 @@ class Touched:
         for index in np.argsort(costs, kind="stable"):
             if all(np.linalg.norm(found[index, :3] - other[:3]) > APART_MM for other in chosen):
                 chosen.append(found[index])
-            if len(chosen) == MOST:
+            if len(chosen) == TOOLS_AT_MOST:
                 break
         return [self._at(each) for each in chosen]
 
@@ -156,7 +167,7 @@ class Touched:
 
     def _settled(self, x: Floats) -> tuple[Floats, Floats]:
         """The local optimum nearest to each x (K, F), by Levenberg–Marquardt, and χ² there (K,)."""
-        damping = np.full(len(x), 1e-3)
+        damping = np.full(len(x), 1e-3)  # of the diagonal: nearly Gauss–Newton; down five times, up five times
         away, columns = self._linear(x)
         cost = np.sum(away**2, axis=1)
         for _ in range(STEPS):

@@ -21,7 +21,7 @@ from cellctl.calibration.prediction.predict import POINTS, sigma_among
 from cellctl.calibration.problem.measured_region import OUTSIDE, MeasuredRegion
 from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.calibration.solver.estimate import Estimate, seen_at_start
+from cellctl.calibration.solver.estimate import Estimate, triangle_at_start
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOut, Verdict, judge
 from cellctl.calibration.verdict.proof import Split, doubts, sigma_doubts
@@ -162,7 +162,7 @@ class _Fitted:
         kept, n_inconsistent = inliers_among(replace(task, candidates=None), rows)
         outside = mostly_outside(rows.pick(kept).q, task.rows.pick(predicted).q)
         chosen = climb(task, rows.pick(kept), progress, outside=outside)
-        found = identify(chosen.task, fit, (kept, n_inconsistent), chosen.weights)
+        found = identify(chosen.task, fit, (kept, n_inconsistent), chosen.scales)
         return cls._with_reliability(chosen.task, found, chosen.steps)
 
     @classmethod
@@ -274,7 +274,7 @@ def _observability(task: Task, found: Identification, own: RowBlocks) -> Observa
     parameters = ~given.among(functions())  # coefficients of a random function are not counted one by one
     unknowns = replace(given.masked(parameters), sigma=found.nominal.unknowns.sigma)
     rows = [in_their_sockets(block, unknowns.start) for block in own.noisier(found.noise).blocks]
-    seen = seen_at_start(unknowns, [*rows, *certified_rows(task)])
+    seen = triangle_at_start(unknowns, [*rows, *certified_rows(task)])
     if unknowns.pinned is not None and len(unknowns.pinned):  # R (I − P Pᵀ), P a basis of them: singular value 0
         pins = np.linalg.qr(unknowns.pinned[:, unknowns.free].T)[0]
         seen = seen - (seen @ pins) @ pins.T

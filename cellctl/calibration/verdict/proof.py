@@ -71,9 +71,9 @@ def _numbered(rows: int, groups: Sequence[int] | None) -> Any:
 
 
 TOO_NOISY = 10.0
-PER_SEEN = 5
+PER_PARAMETER = 5
 """Rows that scatter `TOO_NOISY` times more than stated may be noisy, or contradict each other: to decide that takes
-`PER_SEEN` numbers for each parameter that they determine."""
+`PER_PARAMETER` numbers for each parameter that they determine."""
 
 
 def doubts(task: Task, split: Split, found: Identification) -> list[str]:
@@ -110,7 +110,7 @@ def _not_converged(found: Identification) -> list[str]:
 def _scatter(task: Task, found: Identification) -> list[str]:
     """Rows that scatter far beyond their stated σ, and are too few to tell noise from contradiction."""
     numbers, noise = task.rows.pick(list(found.used)).size, float(found.noise.max())
-    if found.n_inconsistent or noise < TOO_NOISY or numbers >= PER_SEEN * found.identified.effective_parameters:
+    if found.n_inconsistent or noise < TOO_NOISY or numbers >= PER_PARAMETER * found.identified.effective_parameters:
         return []
     return [f"the rows of the fit do not fit together: they scatter {noise:.0f} times more than they say"]
 

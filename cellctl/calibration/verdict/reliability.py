@@ -11,7 +11,7 @@ import numpy as np
 
 from cellctl.calibration.distributions import binomial_cdf, chi2_isf
 from cellctl.calibration.folds import end_folds, evenly, judging, random_folds
-from cellctl.calibration.identification.identify import Identification, Weights, certified_rows
+from cellctl.calibration.identification.identify import Identification, Scales, certified_rows
 from cellctl.calibration.model.residual_model import PostureBasis
 from cellctl.calibration.problem.measured_region import OUTSIDE, MeasuredRegion
 from cellctl.calibration.problem.task import Task
@@ -27,9 +27,10 @@ UNLIKELY = 0.1
 of the verdict (`judgement.UNLIKELY`): here it only widens the regions, there it takes away the trust in σ."""
 
 ROWS_AT_LEAST = 20
-"""Of fewer rows too few can be held out at the ends of the joint ranges."""
+"""Of fewer rows too few can be held out at the ends of the joint ranges: a quarter of them is five."""
+
 WIDEST = 3.0
-"""Largest factor on the noise that is tried."""
+"""Largest factor on the noise that is tried, in steps of 0.02: beyond it the model is wrong, not its tails."""
 
 FEW = 250
 """With at most so many rows each fold affects noise and prior scales: these are estimated without it."""
@@ -72,19 +73,19 @@ class Reliability:
         if task.region is not None:  # a prior model has its own σ outside
             return cls(1.0, task.region.with_angles(used.q))
         most = float(np.sqrt(np.mean(used.errors(found.nominal.state) ** 2) / _axes(used)))
-        tails, outside = _judged(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
+        tails, outside = _tails_and_outside(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
         model = found.identified.state.model
         in_space = float(np.sqrt(3.0) * np.hypot(outside, _far_sigma(found)))
         return cls(tails, MeasuredRegion.of(used.q, in_space, _scatter(found, used), model.residual_models))
 
 
-def _judged(task: Task, found: Identification, used: RowBlocks, most: float) -> tuple[float, float]:
+def _tails_and_outside(task: Task, found: Identification, used: RowBlocks, most: float) -> tuple[float, float]:
     """Factor on the noise for 95 % regions; 1 σ on each axis outside, mm. most: nominal's RMS error on each axis."""
     rows = used.pick(judging(len(used)))
     unknowns, deviations = found.identified.unknowns, found.identified.deviations
     registering = task.registration_parameters(unknowns)
     folded = Folded.of(unknowns, deviations, rows, certified_rows(task), random_folds(rows.q), registering)
-    logs = {factor: float(np.log(value)) for factor, value in Weights(found.noise, {}).factors(rows).items()}
+    logs = {factor: float(np.log(value)) for factor, value in Scales(found.noise, {}).factors(rows).items()}
     everything = np.ones(int(unknowns.free.sum()), bool)
     inner = folded.predicted(everything, logs, again=len(rows) <= FEW)
     tails = _tails(inner, folded.noise(logs)[inner.rows])
