@@ -110,6 +110,19 @@ def test_a_row_is_judged_by_what_the_others_foresee_of_it(touches, touch_task):
         assert linear.leave_one_out_chi2(kept)[0][row] == pytest.approx(expected, rel=1e-3)
 
 
+def test_a_row_left_out_lowers_chi2_by_its_own_also_beside_certified_distances(touches, touch_task):
+    """Else sets of rows that strain the certificate would cost nothing for it."""
+    task = touch_task(touches)
+    unknowns = Unknowns.of(State.alone(task.model, task.rough), task.points, Tolerances(flat_mm=10.0))
+    linear = Linear.about(unknowns, np.zeros(len(unknowns.names)), task.rows.pick(np.arange(50)), [task.spacings])
+    everyone = np.ones(50, bool)
+    own, x = linear.leave_one_out_chi2(everyone)
+    for row in (0, 7, 21, 49):
+        others = np.arange(50) != row
+        lowered = linear.misfit(everyone, x) - linear.misfit(others, linear.normal(others)[0])
+        assert lowered == pytest.approx(own[row], rel=1e-4, abs=1e-5)
+
+
 @pytest.mark.long
 def test_a_real_robots_scatter_does_not_refuse_a_gain_that_other_touches_show_plainly(draw, touch_task):
     """As in Wang et al. 2024: what the model lacks scatters the touches by many times the robot's repeatability."""

@@ -34,8 +34,8 @@ class Linear:
 
     away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): count per row.
     factors (N, k): index of each number's factor of noise, one factor for each kind of number in each block; −1 where
-    filled up. known (F, F), Jtr (F,): normal equations of everything besides these rows (tolerances, pinned
-    combinations, rows that are never outliers); prior (F, F): without the rows that are never outliers.
+    filled up. known (F, F), Jtr (F,), rtr: normal equations of everything besides these rows (tolerances, pinned
+    combinations, rows that are never outliers).
     """
 
     away: Floats
@@ -44,7 +44,7 @@ class Linear:
     factors: Any
     known: Floats
     Jtr: Floats
-    prior: Floats
+    rtr: float
 
     @classmethod
     def about(cls, unknowns: Unknowns, deviations: Floats, rows: RowBlocks, certified: Sequence[Rows]) -> Self:
@@ -65,12 +65,12 @@ class Linear:
             place = np.s_[mine, : len(block.quantities)]
             away[place], columns[place] = of(block)
             factors[place] = own.start + np.array([block.quantities.index(each) for each in block.quantities])
-        prior = held_beforehand(unknowns, free)
-        known, Jtr = prior, np.zeros(free.size)
+        known, Jtr, rtr = held_beforehand(unknowns, free), np.zeros(free.size), 0.0
         for own_away, lines in map(of, certified):
             known = known + np.einsum("nkp,nkq->pq", lines, lines)
             Jtr = Jtr + np.einsum("nkp,nk->p", lines, own_away)
-        return cls(away, columns, rows.numbers, factors, known, Jtr, prior)
+            rtr += float(np.sum(own_away**2))
+        return cls(away, columns, rows.numbers, factors, known, Jtr, rtr)
 
     def noisier(self, noise: Floats) -> Self:
         """The same rows with their standard deviations times `noise`, one for each of `RowBlocks.quantities`."""
@@ -113,8 +113,12 @@ class Linear:
         return self.away + self.columns @ x, predicted, x
 
     def misfit(self, kept: Bools, x: Floats) -> float:
-        """χ² of the kept rows about the model, and of the unknowns x (F,) about their prior."""
-        return float(np.sum((self.away[kept] + self.columns[kept] @ x) ** 2) + x @ self.prior @ x)
+        """χ² of the kept rows and of the rows that are never outliers about the model, and of the unknowns x (F,) about
+        their prior: at the x of `normal` its least value, so that a row that is left out takes its leave-one-out χ²
+        off.
+        """
+        kept_rows = float(np.sum((self.away[kept] + self.columns[kept] @ x) ** 2))
+        return kept_rows + self.rtr + float(2.0 * self.Jtr @ x + x @ self.known @ x)
 
     def half_log_det(self, noise: Floats) -> float:
         """½ ln|A| with all rows, also those left out, their standard deviations times `noise` (Q,): the Occam factor,

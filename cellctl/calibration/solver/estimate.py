@@ -45,8 +45,7 @@ BLOCK = 2048
 """Rows linearised at a time."""
 
 ITERATIONS = 60
-"""From nominal 4 to 10 are usual; so many only where rows contradict each other, each step lowering the cost a
-little."""
+"""A fit whose rows agree takes three to five; so many only where each step lowers the cost a little."""
 
 UNDAMPED = 1e-9
 """μ, relative to the squared norm of the largest column: the first damping after a step that failed, tenfold each time;
