@@ -176,6 +176,8 @@ KRL_FILES = (
 _EKI_FILE = "cellctl_eki.xml"
 _FLAGS = {"ALIVE": 401, "GO": 402, "HALT": 403, "RSI": 404, "DONE": 405}
 _INTERRUPT = 21
+"""Numbers of $FLAG and of the interrupt: chosen high, as programs take the first ones for themselves. README.txt names
+them: they have to be free."""
 _WILDCARDS = ("0.0.0.0", "::")
 
 

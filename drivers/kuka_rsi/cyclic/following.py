@@ -11,13 +11,14 @@ from drivers.kuka_rsi.cyclic.limits import Correction
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 
 LONGEST_LAG_S = 0.15
-"""Longest time after which joints that follow reach a set-point.
-
-24 ms of servo, 100 ms by which a source of AIPos may be shifted, and two cycles of 12 ms.
+"""Longest time after which joints that follow reach a set-point: 24 ms of servo (the simulated one's; not measured on a
+KRC), 100 ms by which AIPos may be shifted (RSI's source `IPO` is that far ahead of the drives), and two cycles of 12
+ms. Longer is safe but slow: a robot that ignores its answers goes undetected for so long.
 """
 
 NOISE_DEG = 0.02
-"""In addition to the telegram's last decimal: encoder noise and friction."""
+"""In addition to the telegram's last decimal: encoder noise, and friction that holds an axis back at small speeds. 0.02
+deg is 0.5 mm at 1.5 m; an estimate, to be replaced by a measurement."""
 
 _FARTHEST_ASTRAY_DEG = 0.25
 """Ahead of the set-point, or beside the line. No servo leads, and a telegram may show steps of 0.1 deg."""
@@ -72,7 +73,8 @@ class Following:
 
 
 _STANDS_S = 0.5
-"""The program has stood for so long: the servo's lag and the shift of AIPos's source are over."""
+"""The program has stood for so long: the servo's lag and the shift of AIPos's source are over, thrice
+`LONGEST_LAG_S`."""
 
 
 @final
@@ -94,6 +96,7 @@ class NotFollowed:
         """Whether an axis at rest is elsewhere than any correction sent within the longest lag would bring it."""
         self._recent = [*self._recent[-self._lag_cycles :], sent]
         programmed = telegram.programmed
+        # exactly: at rest the program's joints repeat every decimal
         self._stood = self._stood + 1 if programmed == (self._programmed or programmed) else 0
         self._programmed = programmed
         if programmed is None or self._stood < self._stood_most:

@@ -14,7 +14,11 @@ turns 250 mm/s of ISO 10218-1 into the ceiling of v.
 
 The on-line correction follows what is wanted, w, at most as fast as it can still brake before it. Standing d away, a
 step s with deceleration b = a T² a cycle needs s²/2b + s/2 to stop: s ≤ √(2 b d) − b/2 in good approximation. When w
-turns back, the correction overshoots by v²/2a + 2 v T at most; as much is kept free below the limit (`asked_deg`).
+turns back, the correction overshoots by v²/2a + 2 v T at most (the way to brake, one cycle until it is noticed, one by
+the steps of T); as much is kept free below the limit (`asked_deg`).
+
+Degrees are those of the axes A1…A6 as the controller counts them; a norm over axes of different gears is no physical
+quantity, only a bound of each of them and of the TCP.
 """
 
 from __future__ import annotations
@@ -66,9 +70,12 @@ SEARCH_NEEDS = {"speed_deg_s": 2.5, "acceleration_deg_s2": 20.0, "jerk_deg_s3": 
 at most 4.5 deg. With this acceleration and jerk, that speed is reached within 1 mm of the 10 mm before the surface."""
 
 _LONGEST_CYCLE_S = 0.012
+"""IPO: the check before the run does not know the cycle, and the longer one overshoots more."""
+
 _DEFAULTS = {"online_correction_deg": 0.5, "online_rate_deg_s": 0.5, "online_acceleration_deg_s2": 5.0}
 ONLINE_CEILINGS = {"online_correction_deg": 2.0, "online_rate_deg_s": 2.0, "online_acceleration_deg_s2": 20.0}
-"""Correction: a larger error is no calibration error. Rate and acceleration: those of a search by default.
+"""Correction: a larger error is no calibration error. Rate and acceleration: those of a search by default. `_DEFAULTS`:
+a quarter of each. 0.5 deg/s is 59 mm/s at the TCP of the longest arm; at 100 deg/s a model's correction changes by 25.
 
 They do not depend on the reach: 2 deg/s is at most 236 mm/s at the TCP of the longest arm (`UNKNOWN_REACH_MM`). This
 motion comes on top of the program's own.
@@ -195,6 +202,10 @@ def _reason(name: str, reach_mm: float | None) -> str:
 class CycleWatch:
     """Checks each correction before it is sent, against the three sent before it.
 
+    It is a second check, of the profile's own limits (`SetPoint`): a refusal is an error of this program, and the
+    correction that was sent last is repeated. That is a stop within one cycle, which is not limited here, since a lost
+    answer does the same at any time.
+
     Differences of a set-point sampled every cycle are means of its derivatives, so a path within the limits passes and
     one outside does not. Braking is allowed `speed_deg_s` / (2 × cycle) and any jerk: standstill in
     the second telegram requires that (2 deg/s at 4 ms: 250 deg/s²; 5 deg/s: 625 deg/s²).
@@ -205,8 +216,6 @@ class CycleWatch:
         self._cycle_s = cycle_s
         self._sent: deque[Correction] = deque([(0.0,) * AXES] * 3, maxlen=3)
 
-    # Instead of a refused correction the last one is repeated: a stop within one cycle. This class does not limit that,
-    # since a lost answer does the same at any time.
     def look(self, correction: Correction, *, braking: bool = False) -> Limit:
         """The first limit that sending `correction` now would pass; it counts as sent only if there is none."""
         passed = self._place(correction) or self._motion(correction, braking)

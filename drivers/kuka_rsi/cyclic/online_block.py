@@ -20,18 +20,24 @@ from typing import final
 from drivers.kuka_rsi.axes import AXES
 
 FORMAT = 1
+"""Of the arrays' names, sizes and order; both sides are of one installation, so that another one is an error."""
 
 MOST_VALUES = 16_384
-"""Numbers of a model; 288 waves and 448 nodes need 8200."""
+"""Numbers of a model; 288 waves (6 joints with 48) and 448 nodes (64 centres of a discrepancy, 3 · 128 of a field) need
+8200."""
 
 _LARGEST = 1e9
+"""Of any number: bounds the arithmetic of the compiled step, which checks nothing."""
+
 _LONGEST_MM = 1e5
-"""Of a step between frames: with longer ones the Newton step loses its digits."""
+"""Of a step between frames, 100 m: with longer ones the Newton step loses its digits."""
 
 _HIGHEST_ORDER = 1000
-"""Of a wave, per turn of its joint."""
+"""Of a wave, per turn of its joint: bounds the loop of the compiled step."""
 
 _ROUNDING = 1e-6
+"""Of the elements of a rotation matrix: far above the rounding of frames, far below a wrong one."""
+
 _HEAD = 3
 """Format, waves, nodes: in front of the arrays."""
 

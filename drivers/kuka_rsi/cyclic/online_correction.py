@@ -25,13 +25,13 @@ from drivers.kuka_rsi.cyclic.session import (
     SearchOrder,
     SessionTask,
 )
-from drivers.kuka_rsi.cyclic.telegram import Telegram
+from drivers.kuka_rsi.cyclic.telegram import DECIMALS, Telegram
 
 if TYPE_CHECKING:
     from drivers.kuka_rsi.cyclic.online_model import OnlineModel  # numpy and numba: 1 s
 
 LOG_EVERY_NS = 1_000_000_000
-"""Of the log that the engine puts into the journal."""
+"""Of the log that the engine puts into the journal: once a second of the cell's time."""
 
 _ZERO: Correction = (0.0,) * AXES
 
@@ -87,7 +87,7 @@ class OnlineCorrection(SessionTask):
         if self.timing.learnt and not learnt:
             cycle_s = self.timing.cycle_ns * 1e-9
             self._motion = CorrectionMotion(self._limits, cycle_s)
-            self._followed = NotFollowed(cycle_s)
+            self._not_followed = NotFollowed(cycle_s)
             self._asked_deg = self._limits.asked_deg(cycle_s)
             if self.phase is Phase.LEARNING:
                 self._check_cycle()
@@ -131,7 +131,7 @@ class OnlineCorrection(SessionTask):
             if self._not_taken > self._tolerance and self.cause is Cause.NONE:
                 self._fade(Cause.NOT_TAKEN)
             return
-        if self.phase is Phase.MOVING and self._followed.look(telegram, self._sent):
+        if self.phase is Phase.MOVING and self._not_followed.look(telegram, self._sent):
             self._fade(Cause.BEHIND)
         programmed = telegram.programmed or _ZERO
         wanted, inside, limited = self._wanted(programmed)
@@ -139,7 +139,7 @@ class OnlineCorrection(SessionTask):
         if passed is not Limit.NONE and self.cause is Cause.NONE:
             self.detail = passed
             self._fade(Cause.LIMIT)
-        self._sent = tuple(round(axis, 6) + 0.0 for axis in self._motion.sent)
+        self._sent = tuple(round(axis, DECIMALS) + 0.0 for axis in self._motion.sent)  # + 0.0: no minus before a zero
         if self.phase is Phase.BRAKING and not any(self._sent) and self._motion.stands:
             self.phase = Phase.LEAVING
         self._online.publish(self._sent, programmed, inside)
@@ -159,7 +159,7 @@ class OnlineCorrection(SessionTask):
         inside = self._model.inside(programmed)
         if not inside:
             return _ZERO, 0.0, False
-        began = time.perf_counter_ns()
+        began = time.perf_counter_ns()  # the computer's own work: wall time, whatever the cell's clock is
         wanted = self._model.correction(programmed)
         self._online.lasted(time.perf_counter_ns() - began)
         bounded, limited = within([inside * axis for axis in wanted], self._asked_deg)

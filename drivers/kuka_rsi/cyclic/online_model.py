@@ -1,9 +1,10 @@
-"""The joint correction that makes the identified robot reach the nominal robot's TCP pose, one Newton step a cycle.
+"""The joint correction that makes the identified robot reach the nominal robot's TCP pose: one model, from its arrays.
 
-f is the controller's kinematics, f* the identified robot: links, joint stiffness under weight and load, waves of gears,
-bending, and a field over the joints. Sought is δ with f*(q + δ) = f(q). Each cycle makes one damped step from the last
-cycle's δ with the Jacobian of f: δ ← δ + J⁺(q)(f(q) − f*(q + δ)). From δ = 0 three steps leave less than 1 µm; from
-one cycle to the next δ changes by some 0.1 mm at 100 deg/s, and one step leaves 3 µm of that at most.
+The step itself, its equations and its damping: `online_kernel`. From δ = 0 three steps leave less than 1 µm; from one
+cycle to the next δ changes by some 0.1 mm at 100 deg/s, and one step leaves 3 µm of that at most.
+
+q are the model's angles, rad: sign · reading + offset of each axis. The correction goes back by the sign alone, as the
+offset cancels in a difference.
 """
 
 from __future__ import annotations

@@ -41,6 +41,7 @@ A correction of 2 deg at 0.5 deg/s needs 4 s: the rest is held by the controller
 """
 
 _PR_SET_PDEATHSIG = 1
+"""linux/prctl.h: the signal that a process gets when its parent ends."""
 
 
 @final
@@ -130,7 +131,7 @@ def _serve(line: ControllerLine, responder: Responder, leaving: _Leaving) -> Non
         go = bool(leaving)
         responder.answer(leave=go)
         if go:
-            give_up = give_up or time.monotonic() + _LEAVE_S
+            give_up = give_up or time.monotonic() + _LEAVE_S  # wall time: the cell's may stand, its engine is gone
             # no telegram for `_LOOK_S` (four cycles of 12 ms): RSI is off, there is nothing to hold
             if not ready or not responder.busy or time.monotonic() > give_up:
                 return

@@ -17,13 +17,14 @@ _PRIORITY = 40
 """Below the kernel's interrupt threads (50), which deliver the telegrams; above everything usual."""
 _MCL_CURRENT = 1
 _MCL_FUTURE = 2
+"""Linux: asm-generic/mman.h."""
 
 
 def become_real_time() -> dict[str, bool]:
     """Apply the permitted settings: `fifo` (SCHED_FIFO), `mlock` (no page is swapped out), `affinity`."""
     gc.collect()
-    gc.freeze()
-    gc.disable()
+    gc.freeze()  # what exists is never looked at again
+    gc.disable()  # nothing in the cycle makes reference cycles; a collection would take milliseconds
     return {"fifo": _take_priority(), "mlock": _lock_memory(), "affinity": _move_to_isolated_processor()}
 
 

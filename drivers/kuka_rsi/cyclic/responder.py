@@ -40,16 +40,19 @@ Place = Any
 _LARGEST_DATAGRAM = 65535
 
 _MOST_AT_ONCE = 512
-"""Datagrams read at once. A stall of 2 s leaves this many telegrams; a flood must not delay the newest answer."""
+"""Datagrams read at once. A stall of 2 s at 4 ms leaves this many telegrams, more than any controller tolerates; a
+flood must not delay the newest answer."""
 
 _BUFFER = 1 << 20
-"""Bytes that the kernel buffers, if it grants this size: 2 s of telegrams of any content."""
+"""Bytes that the kernel buffers, if it grants this size (net.core.rmem_max): 2 s of telegrams of 2 KiB."""
 
 _UNFILTERED = 16
 """Number of foreign datagrams that are read to name their sender; then the kernel drops them."""
 
 _SO_ATTACH_FILTER = 26
 _SO_MEMINFO = 55
+"""Linux: asm-generic/socket.h; Python's `socket` names neither."""
+
 _MEMINFO = struct.Struct("=9I")
 """The ninth counts the datagrams that the kernel dropped."""
 _SOURCE_ADDRESS = 0xFFF00000 + 12
@@ -130,6 +133,7 @@ class ControllerLine:
 
     def _attach_filter(self) -> None:
         """A classic BPF program: pass datagrams from the controller's IPv4 address, drop the rest."""
+        # load the source address; equal: next, else skip one; return all bytes; return none (linux/filter.h)
         address = int(ipaddress.IPv4Address(self._controller))
         program = ((0x20, 0, 0, _SOURCE_ADDRESS), (0x15, 0, 1, address), (0x06, 0, 0, 0xFFFFFFFF), (0x06, 0, 0, 0))
         code = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *instruction) for instruction in program))
@@ -295,7 +299,7 @@ class Responder:
         timing = task.timing
         if not timing.learnt:
             return
-        sent_ns = telegram.ipoc * timing.cycle_ns // timing.ipoc_step
+        sent_ns = telegram.ipoc * timing.cycle_ns // timing.ipoc_step  # of the controller's clock
         self._delay.arrived(sent_ns, now_ns)
         if self._delay.of(sent_ns, self._clock()) > timing.cycle_ns:
             self._count(Slot.LATE)

@@ -84,7 +84,10 @@ class SetPoint:
         self._move_to(self._profile.at_time(min(self._elapsed, self._profile.duration))[0][0])
 
     def brake(self) -> None:
-        """Half of the last step, from constant deceleration to a stop within one cycle; then `hold`."""
+        """Half of the last step, from constant deceleration to a stop within one cycle; then `hold`.
+
+        Not beyond the line's end, where the last step may be shorter than the one before.
+        """
         self._move_to(min(self._here + (self._here - self._before) / 2, self._length))
 
     def hold(self) -> None:
@@ -96,7 +99,8 @@ class SetPoint:
 
 
 _STANDING_DEG = 0.001
-"""Joints within this span over `_STANDING_CYCLES` are at standstill (twice a common encoder's step).
+"""Joints within this span, deg, over `_STANDING_CYCLES` are at standstill: ten of the last decimals at Precision 4,
+twice a common encoder's step.
 
 At Precision 1 a joint between two tenths of a degree may flicker: it never stands, and `_LONGEST_HOLD_S` ends the hold.
 """
@@ -106,7 +110,8 @@ _STANDING_CYCLES = 10
 
 _SHORTEST_HOLD_S = 0.06
 _LONGEST_HOLD_S = 1.0
-"""The last set-point is held until the joints stand, at least and at most so long.
+"""The last set-point is held until the joints stand, at least and at most so long. At least: about the servo's lag
+(24 ms) and `_STANDING_CYCLES` at 4 ms, so that joints that have not begun to move are not taken for standing.
 
 After the longest time RSI is left all the same, as without a bound a joint that trembles would keep it on.
 """

@@ -57,7 +57,8 @@ class InterpolationCycle(StrEnum):
 CYCLES_MS = tuple(cycle.milliseconds for cycle in InterpolationCycle)
 
 _WINDOW = 128
-"""Telegrams in each of the two windows of the least delay; at 4 ms, 300 ppm of drift are 0.3 ms in both."""
+"""Telegrams in each of the two windows of the least delay: long enough that one in each comes without waiting, short
+enough that the clocks do not drift apart; at 4 ms, 300 ppm are 0.3 ms in both."""
 
 
 @final
@@ -115,7 +116,10 @@ class AnswerDelay:
         self._count = 0
 
     def arrived(self, sent_ns: int, arrival_ns: int) -> None:
-        """A telegram stamped `sent_ns` by the controller was read at `arrival_ns` of the cell's time."""
+        """A telegram stamped `sent_ns` by the controller was read at `arrival_ns` of the cell's time.
+
+        sent_ns: IPOC × T / step, ns of the controller's clock, whose zero is unknown: only differences are used.
+        """
         if self._count == _WINDOW:
             self._least, self._least_before, self._count = None, self._least, 0
         delay = arrival_ns - sent_ns
@@ -129,13 +133,15 @@ class AnswerDelay:
 
 
 DEFAULT_TOLERANCE = 100
-"""Cycles without an answer after which the ETHERNET object stops, the `Timeout` of most contexts."""
+"""Cycles without an answer after which the ETHERNET object stops, the `Timeout` of most published contexts (KUKA's own
+default is 10: an address then states `tolerance=10`)."""
 
 LONGEST_TOLERANCE_MS = 500
 """Highest tolerance, in any mode and cycle: the longer the silence, the more can have happened at the controller."""
 
 _LAG = 1
-"""Cycles by which a telegram's Delay may be behind its count [U: 0 on both simulators]."""
+"""Cycles by which a telegram's Delay may be behind its count. Not known of a KRC; 0 in both public simulators. The
+experiment: docs/connecting-a-krc.md, *A session that ends and begins anew*."""
 
 
 def highest_tolerance(cycle: InterpolationCycle) -> int:

@@ -14,7 +14,7 @@ from drivers.kuka_rsi.axes import AXES, AXIS_NAMES
 from drivers.kuka_rsi.cyclic.limits import Correction
 
 DECIMALS = 6
-"""Decimals of the corrections in a reply: 1e-6 deg is 0.07 µm at 3.9 m.
+"""Decimals of the corrections in a reply, deg: 1e-6 deg is 0.07 µm at 3.9 m.
 
 The context's Precision rounds only what the robot sends; what it receives is read in full.
 """
@@ -24,7 +24,8 @@ LARGEST_DELAY = 10**9
 FARTHEST_JOINT_DEG = 3600.0
 LARGEST_CURRENT = 1e6
 LARGEST_MARK = 1e6
-"""Ranges of the values in a telegram; others show that it is not from a controller.
+"""Ranges of the values in a telegram; others show that it is not from a controller. They are no limits of a robot: ten
+turns of an axis, 30 000 years of milliseconds.
 
 IPOC, and a rise of it, go into slots of eight bytes (`shared_block`): a number that does not fit there would end the
 process by an exception.

@@ -17,6 +17,7 @@ from drivers.kuka_rsi.axes import AXIS_NAMES
 from drivers.tcp_connection import connected, hang_up
 
 LARGEST_DOCUMENT = 4096
+"""Bytes, of the channel's protocol (docs/reference/eki-channel.md); a longer one is not of our program."""
 
 _TOKEN = re.compile(
     rb"""<!--.*?-->|<\?.*?\?>|<!\[CDATA\[.*?\]\]>|<(?P<tag>/?[^\s<>!?/"'](?:[^<>"']|"[^"]*"|'[^']*')*)>""", re.DOTALL
@@ -193,7 +194,8 @@ def refusal(device: str, reply: Reply, doing: str) -> DeviceError:
 
 
 ANSWER_S = 10.0
-"""Longest wait, in the cell's time, for an immediate action of the controller."""
+"""Longest wait, in the cell's time, for an immediate action of the controller; a block of a table takes longest, as its
+check sum is computed in KRL (`tables.BLOCK_ROWS`)."""
 
 SILENCE_S = 2.0
 """The controller reports its state every 100 ms; after this time without a document it is lost."""

@@ -75,7 +75,7 @@ def checksum(rows: Sequence[WrittenRow]) -> str:
 
 
 def blocks(count: int) -> list[range]:
-    """Row numbers from 1 to `count` in blocks: `[range(1, 11), range(11, 13)]`."""
+    """Row numbers from 1 to `count` in blocks of `BLOCK_ROWS`: `[range(1, 3), range(3, 4)]` of three."""
     return [range(first, min(first + BLOCK_ROWS, count + 1)) for first in range(1, count + 1, BLOCK_ROWS)]
 
 

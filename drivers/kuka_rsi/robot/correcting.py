@@ -27,8 +27,15 @@ from drivers.kuka_rsi.robot.lines import ControllerLines
 from drivers.kuka_rsi.robot.rsi_process import REMEDY, in_words, restarted
 
 _POLL_S = 0.02
+"""Cell time between two looks at the process's phase."""
+
 _BEGINS_S = 2.0
+"""Cell time from "RSI on" to the first corrected cycle: 0.1 s to learn the cycle, the rest for a network's first
+packets. The same is added to the time of a fade."""
+
 _LOOK_S = 0.005
+"""Wall time between two looks while the model is prepared: the cell's time stands."""
+
 _PREPARED_S = 300.0
 """Wall time. A computer's first model is compiled: some 10 s, minutes beside much other work; later ones take 1 s."""
 

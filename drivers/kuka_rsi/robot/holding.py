@@ -20,6 +20,7 @@ _STANDS = (0, 30, 31)
 busy, 11 unreadable, 12 not ready) comes while the robot may still move."""
 
 _LOOK_S = 0.02
+"""Cell time between two looks whether a command has ended."""
 
 
 @final

@@ -64,7 +64,7 @@ _WITHOUT = {
 }
 
 _SLOW_AXIS_DEG_S = 30.0
-"""Least speed of any axis at 100 %; a move's time limit follows from it."""
+"""Below the speed of any axis of a KUKA six-axis arm at 100 %; a move's time limit, twice the way at it, follows."""
 
 _SLOWEST_PERCENT = 0.01
 """Below this a move would last for hours; the controller refuses it too."""
@@ -75,6 +75,7 @@ other is 700.
 """
 
 _MOVE_BESIDES_S = 15.0
+"""Cell time of a move besides its way at the slowest axis' speed: ramps, brakes, the controller's own checks."""
 
 _CONDITIONS: Final = {"ready": "the controller is in EXT and reports no message that stops it"}
 

@@ -58,7 +58,8 @@ def restarted(device: str, what_now: str) -> DeviceLost:
 
 _START_S = 60.0
 _END_S = 10.0
-"""Wall time limit for a program to start and end. If it dies, the wait ends at once."""
+"""Wall time limit for the process to start and end: imports take 1 s, many times that beside much other work; to end
+it may wait for a fade (`process._LEAVE_S`, 3 s). If it dies, the wait ends at once."""
 
 
 @final

@@ -25,21 +25,27 @@ from drivers.kuka_rsi.eki.channel import ANSWER_S, EkiChannel, Pending, Reply, r
 from drivers.kuka_rsi.robot.rsi_process import REMEDY, CyclicProcess, in_words, restarted
 
 _ALL_OF_IT_S = 86_400.0
+"""Window of the clocks' fit: the whole search."""
 
 _FIRST_TELEGRAM_S = 2.0
 _SILENCE_S = 2.0
 """Both longer than a controller waits for answers (`LONGEST_TOLERANCE_MS`): its own message comes first, as code 31."""
 
 _POLL_S = 0.02
+"""Cell time between two readings of the ring."""
 
 _LOOK_S = 0.05
 """Wall time between two checks of the cyclic process."""
 
 _BESIDES_THE_LINE_S = 15.0
+"""Cell time of a search besides its motion: learning, ramps, the hold until standstill (1 s), RSI off. Generous: it
+only ends a search that nothing else ends; silence ends one after `_SILENCE_S`."""
+
 _LONGEST_CYCLE_S = 0.012
 
 _FOLLOWED_DEG = 0.1
-"""If an axis rests further than this from the end of the line, the corrections had no full effect."""
+"""If an axis rests further than this from the end of the line, the corrections had no full effect. The coarsest step of
+a telegram (Precision 1); a standing servo has no lag."""
 
 
 @final
