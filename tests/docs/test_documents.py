@@ -15,13 +15,17 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from cellctl.calibration import EFFECTS
 from cellctl.cli.verbs import app
+from cellctl.compensation import METHODS
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
+from cellctl.error_maps.terms import TERMS
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.formats.cell_sections import currents_of
 from cellctl.formats.load import load_of
+from cellctl.formats.measurements import KINDS
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 from tests.helpers.runs import CELL, ROOT, cellctl
@@ -216,6 +220,20 @@ def test_the_index_names_every_document() -> None:
         if str(file.relative_to(ROOT / "docs")) not in index
     ]
     assert missing == []
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("effects.md", [kind.group for kind in EFFECTS]),
+        ("error-maps.md", [term.group for term in TERMS]),
+        ("compensation.md", list(METHODS)),
+        ("data-sets.md", [name for kind in KINDS.values() for name in (*kind.columns, *kind.filled_by)]),
+    ],
+)
+def test_the_reference_has_every_effect_map_method_and_column_of_a_row_kind(page: str, names: list[str]) -> None:
+    text = (ROOT / "docs" / "reference" / page).read_text(encoding="utf-8")
+    assert [name for name in names if f"`{name}`" not in text] == []
 
 
 def test_the_documents_name_every_verb_that_they_promise() -> None:

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cellctl.calibration.effects import (
+    EFFECTS,
     Backlash,
     Discrepancy,
     Effect,
@@ -54,6 +55,10 @@ def parts(effect, arm, at):
     if isinstance(turned, OwnTurns):
         turned = turned.columns(np.broadcast_to(np.eye(arm.n), (len(at), arm.n, arm.n)))
     return [part for part in (turned, shifted) if part is not None]
+
+
+def test_no_effect_is_left_out_here():
+    assert set(MAKERS) == {kind.group for kind in EFFECTS}
 
 
 def test_every_amount_has_a_name_a_unit_and_an_expected_size(effect):
