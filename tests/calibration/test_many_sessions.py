@@ -72,8 +72,8 @@ def test_how_much_each_kind_scatters_is_told_without_its_wild_rows():
     blocks = [campaign.positions(60, SAID), campaign.positions(60, SAID)]
     noise = np.array([1.0, 1.0, 1.0, 3.0])  # three coordinates are one kind, and share the first one's factor
     linear = linear_of(Task(nominal_of(campaign.nominal), blocks))
-    linear = replace(linear, away=rng.normal(size=(120, 3)) * np.repeat([1.0, 3.0], 60)[:, None])
-    linear.away[[7, 30]] += 20.0
+    linear = replace(linear, residual=rng.normal(size=(120, 3)) * np.repeat([1.0, 3.0], 60)[:, None])
+    linear.residual[[7, 30]] += 20.0
     scatter = noise * linear.noisier(noise).scatter(~np.isin(np.arange(120), [7, 30]))
     np.testing.assert_allclose(scatter, noise, rtol=0.25)
 
@@ -83,7 +83,7 @@ def test_what_noisier_rows_tell_of_the_model_is_that_of_rows_with_wider_sigma():
     halves = RowBlocks((task.rows.pick(slice(0, 15)).only, task.rows.pick(slice(15, 40)).only))
     linear, noise = linear_of(replace(task, rows=halves)), np.repeat([2.0, 7.0], 3)
     wider = linear.noisier(noise)
-    lines = wider.columns.reshape(-1, wider.columns.shape[-1])
+    lines = wider.jacobian.reshape(-1, wider.jacobian.shape[-1])
     expected = 0.5 * np.linalg.slogdet(wider.known + lines.T @ lines)[1]
     assert linear.half_log_det(noise) == pytest.approx(expected, rel=1e-9)
 

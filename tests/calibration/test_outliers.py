@@ -102,11 +102,11 @@ def test_a_row_is_judged_by_what_the_others_foresee_of_it(touches, touch_task):
     kept = np.arange(12) != 7
     for row in range(12):
         others = np.flatnonzero(kept & (np.arange(12) != row))
-        stacked = linear.columns[others, 0]
+        stacked = linear.jacobian[others, 0]
         inverse = np.linalg.inv(linear.known + stacked.T @ stacked)
-        x = -inverse @ (linear.Jtr + stacked.T @ linear.away[others, 0])
-        line = linear.columns[row, 0]
-        expected = (linear.away[row, 0] + line @ x) ** 2 / (1.0 + line @ inverse @ line)
+        x = -inverse @ (linear.Jtr + stacked.T @ linear.residual[others, 0])
+        line = linear.jacobian[row, 0]
+        expected = (linear.residual[row, 0] + line @ x) ** 2 / (1.0 + line @ inverse @ line)
         assert linear.leave_one_out_chi2(kept)[0][row] == pytest.approx(expected, rel=1e-3)
 
 

@@ -39,7 +39,7 @@ def shifts_of_tcp(task: Task, rows: RowBlocks) -> Floats:
     moved = task.with_effects((TcpShift(),))
     unknowns = nominal_start(moved, rows)
     only = unknowns.masked(unknowns.among(frozenset({TcpShift.group})))
-    return Linear.about(only, np.zeros(len(only.names)), rows, ()).columns
+    return Linear.about(only, np.zeros(len(only.names)), rows, ()).jacobian
 
 
 def remainder(rows: RowBlocks, linear: Linear, at: Any, prior: tuple[Floats, Floats], shifts: Floats) -> Remainder:
@@ -57,9 +57,9 @@ def remainder(rows: RowBlocks, linear: Linear, at: Any, prior: tuple[Floats, Flo
     points = np.flatnonzero(whole) if shifts.shape[1] >= 3 else np.zeros(0, int)
     points = np.sort(np.random.default_rng(len(points)).permutation(points)[:ROWS])
     to_mm = np.linalg.pinv(shifts[points])
-    columns = to_mm @ linear.columns[points][..., at]
+    columns = to_mm @ linear.jacobian[points][..., at]
     covariance = np.linalg.inv(prior[0])
-    away = linear.away[points] - linear.columns[points][..., at] @ (covariance @ prior[1])
+    away = linear.residual[points] - linear.jacobian[points][..., at] @ (covariance @ prior[1])
     errors = -np.einsum("nak,nk->na", to_mm, away)
     return Remainder(rows.q[points], errors, np.einsum("naf,fg,mag->anm", columns, covariance, columns, optimize=True))
 

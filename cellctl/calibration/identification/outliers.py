@@ -92,7 +92,7 @@ def within_limit(linear: Linear, *, thorough: bool) -> Kept | None:
     sets.
     """
     limit = chi2_isf(OUTLIER_P, linear.numbers)
-    everyone = Kept.of(linear, np.ones(len(linear.away), bool), limit)
+    everyone = Kept.of(linear, np.ones(len(linear.residual), bool), limit)
     if not (everyone.leave_one_out_chi2 > limit).any():
         return everyone
     limit = chi2_isf(OUTLIER_P_BESIDE, linear.numbers)
@@ -200,7 +200,7 @@ class Inliers:
         scaled = linear.noisier(noise)
         kept = within_limit(scaled, thorough=thorough)
         if kept is None:
-            return cls(np.ones(len(linear.away), bool), noise, -np.inf, _present(linear, noise))
+            return cls(np.ones(len(linear.residual), bool), noise, -np.inf, _present(linear, noise))
         penalty = np.sum(np.log(1.0 / OUTLIER_SHARE) + linear.numbers[~kept.rows] * np.log(WIDTH))
         log_probability = _log_probability_bound(linear, noise) - 0.5 * kept.misfit - float(penalty)
         return cls(kept.rows, noise, log_probability, _misfitting(scaled, kept.rows, kept.x, noise))
@@ -288,7 +288,7 @@ def _present(linear: Linear, noise: Floats) -> Bools:
 
 def _misfitting(scaled: Linear, kept: Bools, x: Floats, noise: Floats) -> Bools:
     """Which kinds of numbers (Q,) have rows left out, or larger residuals from the model x than their σ predict."""
-    squares = (scaled.away + scaled.columns @ x) ** 2
+    squares = (scaled.residual + scaled.jacobian @ x) ** 2
     result = np.isin(np.arange(len(noise)), scaled.factors[~kept])
     for each in np.flatnonzero(_present(scaled, noise)):
         mine = scaled.factors == each

@@ -30,16 +30,17 @@ from cellctl.kinematics import Bools, Floats
 @final
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Rows about a state: `away + columns @ x` in standard deviations, x the unknowns in tolerances, expected at 0.
+    """Rows about a state: `residual + jacobian @ x` in standard deviations, x the unknowns in tolerances, 0 where
+    expected.
 
-    away (N, k), columns (N, k, F): a row of fewer than k numbers is filled up with zeros; numbers (N,): count per row.
-    factors (N, k): index of each number's factor of noise, one factor for each kind of number in each block; −1 where
-    filled up. known (F, F), Jtr (F,), rtr: normal equations of everything besides these rows (tolerances, pinned
-    combinations, rows that are never outliers).
+    residual (N, k), at x = 0; jacobian (N, k, F). A row of fewer than k numbers is filled up with zeros. numbers (N,):
+    count per row. factors (N, k): index of each number's factor of noise, one factor for each kind of number in each
+    block; −1 where filled up. known (F, F), Jtr (F,), rtr: normal equations of everything besides these rows
+    (tolerances, pinned combinations, rows that are never outliers).
     """
 
-    away: Floats
-    columns: Floats
+    residual: Floats
+    jacobian: Floats
     numbers: Any
     factors: Any
     known: Floats
@@ -75,11 +76,11 @@ class Linear:
     def noisier(self, noise: Floats) -> Self:
         """The same rows with their standard deviations times `noise`, one for each of `RowBlocks.quantities`."""
         sigma = np.append(noise, 1.0)[self.factors]
-        return replace(self, away=self.away / sigma, columns=self.columns / sigma[..., None])
+        return replace(self, residual=self.residual / sigma, jacobian=self.jacobian / sigma[..., None])
 
     def normal(self, kept: Bools) -> tuple[Floats, Floats]:
         """Most probable unknowns x (F,) by the kept rows, and their covariance (F, F)."""
-        flat, away = _flat(self.columns[kept]), self.away[kept]
+        flat, away = _flat(self.jacobian[kept]), self.residual[kept]
         covariance = np.asarray(np.linalg.inv(self.known + flat.T @ flat), float)
         return np.asarray(-covariance @ (self.Jtr + flat.T @ away.reshape(-1))), covariance
 
@@ -105,19 +106,19 @@ class Linear:
     def _predicted(self, kept: Bools) -> tuple[Floats, Floats, Floats]:
         """Residuals (N, k), their covariances (N, k, k) by the *other* kept rows; unknowns x (F,) by all of them."""
         x, covariance = self.normal(kept)
-        spread = (_flat(self.columns) @ covariance).reshape(self.columns.shape) @ np.swapaxes(self.columns, -1, -2)
+        spread = (_flat(self.jacobian) @ covariance).reshape(self.jacobian.shape) @ np.swapaxes(self.jacobian, -1, -2)
         # r is about all kept rows. Its covariance is I − H_ii for a kept row, which pulled x towards itself, and
         # I + J A⁻¹ Jᵀ for one left out. 1e-9: a row that alone determines a parameter has H_ii = 1 and r = 0
         side = np.where(kept, -1.0, 1.0)[:, None, None]
         predicted = np.eye(spread.shape[-1]) + side * spread + 1e-9 * np.eye(spread.shape[-1])
-        return self.away + self.columns @ x, predicted, x
+        return self.residual + self.jacobian @ x, predicted, x
 
     def misfit(self, kept: Bools, x: Floats) -> float:
         """χ² of the kept rows and of the rows that are never outliers about the model, and of the unknowns x (F,) about
         their prior: at the x of `normal` its least value, so that a row that is left out takes its leave-one-out χ²
         off.
         """
-        kept_rows = float(np.sum((self.away[kept] + self.columns[kept] @ x) ** 2))
+        kept_rows = float(np.sum((self.residual[kept] + self.jacobian[kept] @ x) ** 2))
         return kept_rows + self.rtr + float(2.0 * self.Jtr @ x + x @ self.known @ x)
 
     def half_log_det(self, noise: Floats) -> float:
@@ -135,7 +136,7 @@ class Linear:
     @cached_property
     def _squares(self) -> Floats:
         """JᵀJ of the numbers of each of `_kinds`: (their count, F, F)."""
-        lines = (self.columns[self.factors == each] for each in self._kinds)
+        lines = (self.jacobian[self.factors == each] for each in self._kinds)
         return np.stack([mine.T @ mine for mine in lines])
 
 
@@ -174,14 +175,14 @@ class Predicted:
 class Folded:
     """Rows linearised about a fit, and their folds.
 
-    system: all rows' normal equations, of all unknowns (F,). mm (N, k): σ of each number that is a length, 0 of a turn.
-    folds: each fold's rows and their normal equations. registering (F,): unknowns that tie rows to the robot; held-out
-    rows may have to find these themselves.
+    system: all rows' normal equations, of all unknowns (F,). length_sigma_mm (N, k): σ of each number that
+    is a length, 0 of a turn. folds: each fold's rows and their normal equations. registering (F,): unknowns that tie
+    rows to the robot; held-out rows may have to find these themselves.
     """
 
     linear: Linear
     system: System
-    mm: Floats
+    length_sigma_mm: Floats
     folds: tuple[tuple[Any, Mapping[Factor, NormalEquations]], ...]
     registering: Bools
 
@@ -198,7 +199,7 @@ class Folded:
         """`rows` with their stated σ, linearised at `deviations` (P,) from the unknowns' start."""
         linear = Linear.about(unknowns, deviations, rows, certified)
         system = System.of(unknowns, deviations, rows, certified)
-        mm = np.zeros(linear.away.shape)
+        mm = np.zeros(linear.residual.shape)
         for block, mine, _ in rows.parts():
             mm[mine, : len(block.quantities)] = block.sigma * block.of_length
         own = tuple((test, _normals(linear, test)) for test in folds)
@@ -245,8 +246,8 @@ class Folded:
         root = _factored(JtJ)
         x = -cho_solve(root, Jtr, check_finite=False)
         shown = evenly(test, most)
-        columns = self.linear.columns[shown][..., at]
-        residual = self.linear.away[shown] + columns @ x
+        columns = self.linear.jacobian[shown][..., at]
+        residual = self.linear.residual[shown] + columns @ x
         flat = columns.reshape(-1, len(at))
         answers = cho_solve(root, flat.T, check_finite=False).T.reshape(columns.shape)
         covariance = np.matmul(columns, np.swapaxes(answers, -1, -2))
@@ -254,7 +255,7 @@ class Folded:
         # a number that fills up a row has residual 0 and variance 1: it changes neither χ² nor the determinant
         covariance = covariance + np.where(noise > 0.0, noise**2, 1.0)[:, :, None] * np.eye(noise.shape[1])
         residual, placed = self._placed(residual, columns, at, shown, left)
-        errors = np.linalg.norm(residual * self.mm[shown], axis=1)
+        errors = np.linalg.norm(residual * self.length_sigma_mm[shown], axis=1)
         return Predicted(residual, covariance, errors, shown, np.full(len(shown), placed))
 
     def _placed(
@@ -288,7 +289,7 @@ def _factored(square: Floats) -> Any:
 
 def _normals(linear: Linear, test: Any) -> dict[Factor, NormalEquations]:
     """The normal equations of the rows `test`, by factor of noise."""
-    factors, columns, away = linear.factors[test], linear.columns[test], linear.away[test]
+    factors, columns, away = linear.factors[test], linear.jacobian[test], linear.residual[test]
     found: dict[Factor, NormalEquations] = {}
     for factor in np.unique(factors[factors >= 0]):
         mine = factors == factor

@@ -94,7 +94,7 @@ def _tails_and_outside(task: Task, found: Identification, used: RowBlocks, most:
         return tails, most
     ends = folded.with_folds(at_ends).predicted(everything, logs, OF_EACH_END)
     share = _left_by_the_others(rows.q, at_ends)
-    sigma = folded.mm[ends.rows]
+    sigma = folded.length_sigma_mm[ends.rows]
     per_mm = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
     return tails, _outside(ends, share, per_mm, most)
 
