@@ -66,7 +66,7 @@ def remainder(rows: RowBlocks, linear: Linear, at: Any, prior: tuple[Floats, Flo
 
 SHOWN = 0.25
 """A band of a joint's harmonics that moves the rows by less than this share of their noise is left out: √(s²
-tr(JᵀJ)/n), the RMS over all n numbers, in their σ, of the band within its prior."""
+tr(JᵀJ)/n), the RMS over all n numbers, in their σ, of the band within its prior. It is then 6 % of their variance."""
 
 WORTH_ENDS = 0.1
 """The same for a model with fewer terms, at the ends of the joint ranges, where errors are few and similar. No test:

@@ -20,7 +20,8 @@ from cellctl.calibration.solver.estimate import Estimate
 from cellctl.kinematics import Floats
 
 MOVED = 4.0
-"""A prior model whose errors fall by this factor when it is registered has been set up anew: drift does less."""
+"""A prior model whose RMS error falls by this factor when it is registered has been set up anew: a base that drifted by
+as much as the model's own errors makes these 1.4 times as large."""
 
 ALIKE = 1.5
 """A frame alone explains the rows if it leaves at most this times what base and tool together leave: these have three

@@ -108,7 +108,8 @@ NO_EFFECT = 1e-9
 """An effect on the rows below this share of the largest one is rounding."""
 
 SHOWN = 3.0
-"""Rows without a reason show what it hides at least this many times as strongly as the real rows."""
+"""Rows without a reason show what it hides at least this many times as strongly as the real rows: any change of
+postures shows a weak combination a little better, which is no reason."""
 
 UNTOLD = "these rows cannot tell these apart, others would"
 ANYWHERE = "no measurement of these kinds can tell these apart, or depends on them"

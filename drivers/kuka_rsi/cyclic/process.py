@@ -1,8 +1,8 @@
-"""The process that answers the controller in each cycle: `python -m drivers.kuka_rsi.cyclic.process ORDERS`.
+"""The process that answers the controller in each cycle: `python -m drivers.kuka_rsi.cyclic.process SETTINGS`.
 
 It imports nothing from the engine, has its garbage collector off, and runs in real time as far as permitted. It holds
-the robot and exits when its parent has ended. ORDERS is JSON (`CyclicOrders`); one line of JSON on stdout reports its
-address, or why it cannot listen.
+the robot and exits when its parent has ended. SETTINGS is JSON (`ProcessSettings`); one line of JSON on stdout reports
+its address, or why it cannot listen.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _PR_SET_PDEATHSIG = 1
 
 @final
 @dataclass(frozen=True, slots=True)
-class CyclicOrders:
+class ProcessSettings:
     """The process's settings from its command line.
 
     `host`, `port`: to bind; `controller`: the accepted host; `tolerance`: cycles without an answer after which a
@@ -98,24 +98,24 @@ class _Leaving:
         self._asked = True
 
 
-def run(orders: CyclicOrders) -> int:
+def run(settings: ProcessSettings) -> int:
     """Bind, report the address, and answer until told to exit; returns the exit code."""
-    leaving = _Leaving(orders.parent)
+    leaving = _Leaving(settings.parent)
     try:
-        line = ControllerLine.bind(orders.host, orders.port, orders.controller)
+        line = ControllerLine.bind(settings.host, settings.port, settings.controller)
     except OSError as error:
         _report({"errno": error.errno, "error": error.strerror})
         return 1
-    block = SharedBlock(orders.memory)
-    os.close(orders.memory)
-    reply, limits, clock = ReplyFormat(orders.reply), SearchLimits(**orders.limits), reader_of(orders.clock)
+    block = SharedBlock(settings.memory)
+    os.close(settings.memory)
+    reply, limits, clock = ReplyFormat(settings.reply), SearchLimits(**settings.limits), reader_of(settings.clock)
 
-    online = OnlineLimits(**orders.online)
+    online = OnlineLimits(**settings.online)
 
     def task_of(order: SearchOrder) -> CyclicTask:
         if block.online.words[OnlineSlot.ORDER] == order.number:
-            return OnlineCorrection(order, online, block.online, orders.tolerance, orders.cycle)
-        return SearchCycle(order, limits, orders.mode, orders.tolerance, orders.cycle)
+            return OnlineCorrection(order, online, block.online, settings.tolerance, settings.cycle)
+        return SearchCycle(order, limits, settings.mode, settings.tolerance, settings.cycle)
 
     responder = Responder(line, block, reply, clock, task_of)
     _report({"listening": line.place, **become_real_time()})
@@ -142,4 +142,4 @@ def _report(what: dict[str, object]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run(CyclicOrders.from_json(sys.argv[1])))
+    sys.exit(run(ProcessSettings.from_json(sys.argv[1])))

@@ -296,7 +296,7 @@ class Cause(IntEnum):
 @final
 @dataclass(frozen=True, slots=True)
 class SearchOrder:
-    """An order to the cyclic process.
+    """An order to the cyclic process: a search; or, with correction 0, telegrams at rest or an on-line correction.
 
     `start`: the joints from which the line was planned; `correction`: offset at its end, degrees; `speed_deg_s`;
     `guards_ns`: oldest beat allowed per guard slot, 0 if the slot is unused; `hold_cycles`: least telegrams answered

@@ -165,7 +165,11 @@ def cure_of(message: str) -> str:
 
 
 def refusal(device: str, reply: Reply, doing: str) -> DeviceError:
-    """The error for a reply with a code other than 0 and 1; `doing`: the requested action."""
+    """The error for a reply with a code other than 0 and 1 (docs/reference/eki-channel.md); `doing`: the action asked
+    for.
+
+    A refusal (10, 12, 20, 21, 40 to 43) comes before anything moves; 30 and 31 end a motion, with the robot held.
+    """
     text = f" ({reply.text})" if reply.text else ""
     match reply.code:
         case 10:

@@ -15,7 +15,7 @@ from typing import IO, Any, Self, final
 
 from cellctl.devices import DeviceLost, DeviceRefused, DeviceUnreachable
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
-from drivers.kuka_rsi.cyclic.process import CyclicOrders
+from drivers.kuka_rsi.cyclic.process import ProcessSettings
 from drivers.kuka_rsi.cyclic.session import InterpolationCycle
 from drivers.kuka_rsi.cyclic.shared_block import SharedBlock
 from drivers.kuka_rsi.settings import RsiSettings
@@ -105,7 +105,7 @@ class CyclicProcess:
         `clock`: source of the cell's time; `reply`: template of the reply; `online`: of corrections, low by default.
         """
         block, memory = SharedBlock.create()
-        orders = CyclicOrders(
+        own = ProcessSettings(
             *settings.bind,
             settings.heard,
             settings.tolerance,
@@ -120,7 +120,7 @@ class CyclicProcess:
         )
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the process
         # -P: a file in the current folder, the user's, cannot take the place of a module
-        command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic.process", orders.to_json()]
+        command = [sys.executable, "-P", "-m", "drivers.kuka_rsi.cyclic.process", own.to_json()]
         try:
             child = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, pass_fds=[memory]
