@@ -145,7 +145,7 @@ def test_only_points_that_an_instrument_measured_show_a_field(shifts, of_instrum
     from types import SimpleNamespace
 
     rows = SimpleNamespace(q=np.zeros((5, 4)), of_instrument=np.array(of_instrument))
-    linear = SimpleNamespace(away=np.zeros(shifts.shape[:2]), columns=np.zeros((*shifts.shape[:2], 2)))
+    linear = SimpleNamespace(residual=np.zeros(shifts.shape[:2]), jacobian=np.zeros((*shifts.shape[:2], 2)))
     left = remainder(rows, linear, [0, 1], (np.eye(2), np.zeros(2)), shifts)
     assert len(left.q) == points
 
