@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, final
 
@@ -17,6 +17,8 @@ from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import RobotFile
 from cellctl.formats.targets import read_path, targets_text
 from cellctl.operations.fit_options import option
+from cellctl.operations.optimal_plan import Aim, DesignFigures, OptimalChoice
+from cellctl.operations.results import as_json
 from cellctl.planning import (
     METHODS,
     JointRanges,
@@ -28,6 +30,7 @@ from cellctl.planning import (
     TaskWorkspace,
     plan_targets,
 )
+from cellctl.planning.design import CRITERIA
 
 _Read = TypeVar("_Read")
 
@@ -54,6 +57,7 @@ class Asked:
     facing: str | None
     acceptance: float | None
     floor: float | None
+    aim: Aim
     problems: list[Problem] = field(default_factory=list)
 
     def refuse(self) -> None:
@@ -73,8 +77,17 @@ class Asked:
             self._add("path", f"{self.method} uses no path", "--method near-path, or leave --path out")
         if self.partitions is not None and self.method != "joint-uniform":
             self._add("partitions", f"{self.method} has no partitions", "--method joint-uniform, or leave it out")
-        if self.dense is not None and self.method not in ("joint-uniform", "near-path"):
-            self._add("dense", f"{self.method} does not choose", "--method joint-uniform or near-path, or leave it out")
+        if self.dense is not None and self.method not in ("joint-uniform", "near-path", "optimal"):
+            cure = "--optimal, --method joint-uniform or near-path, or leave it out"
+            self._add("dense", f"{self.method} does not choose", cure)
+        if self.method != "optimal":
+            for name, value in vars(Aim()).items():
+                if getattr(self.aim, name) != value:
+                    self._add(_AIM_OPTIONS[name], "is for an optimal choice", "--optimal too, or leave it out")
+        if self.aim.criterion not in CRITERIA:
+            self._add("criterion", f"'{self.aim.criterion}' is not known", f"one of {', '.join(CRITERIA)}")
+        if self.aim.prior is not None and self.aim.model != Aim.model:
+            self._add("model", "with --prior the model is that file's", "leave --model or --prior out")
         if self.dense is not None and self.dense < max(self.n, self.held_out):
             self._add("dense", f"{self.dense} samples are fewer than the targets", f"{10 * self.n} or so")
         if self.station is None and (self.reflector or self.facing):
@@ -162,6 +175,8 @@ def _number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
+_AIM_OPTIONS = {"criterion": "criterion", "model": "model", "prior": "prior", "task": "task", "sigma_mm": "sigma",
+                "poses": "poses"}  # fmt: skip
 _RANGES = "lower:upper for each, separated by commas; one number is a constant"
 
 
@@ -170,15 +185,37 @@ def plan(
     n: Annotated[int, typer.Option("--n", min=1, help="Targets for the fit.")],
     method: Annotated[
         str,
-        typer.Option(help="quasi-random, halton, joint-uniform, near-path; baselines: pseudo-random, clustered."),
+        typer.Option(
+            help="quasi-random, halton, joint-uniform, near-path, optimal; baselines: pseudo-random, clustered."
+        ),
     ] = "quasi-random",
+    optimal: Annotated[
+        bool, typer.Option("--optimal", help="Of many samples those that leave the least predicted error.")
+    ] = False,
+    criterion: Annotated[
+        str,
+        typer.Option(
+            help="Optimal: volume, max: mean or largest variance over the task; D, A: of the parameters; G: of samples."
+        ),
+    ] = Aim.criterion,
+    model: Annotated[str, typer.Option(help="Optimal: model of the later fit, as in `cellctl fit`.")] = Aim.model,
+    prior: Annotated[
+        Path | None, typer.Option(help="Optimal: model file of an earlier fit; its uncertainty is the prior.")
+    ] = None,
+    task: Annotated[
+        Path | None, typer.Option(help="Optimal: CSV of targets that matter: X, Y, Z, A, B, C. Default: the region.")
+    ] = None,
+    sigma: Annotated[
+        float, typer.Option(min=1e-6, help="Optimal: 1 σ of the instrument on each axis, mm.")
+    ] = Aim.sigma_mm,
+    poses: Annotated[bool, typer.Option("--poses", help="Optimal: the instrument measures orientation too.")] = False,
     held_out: Annotated[int, typer.Option(min=0, help="Further targets for judging; adds the column set.")] = 0,
     box: Annotated[str | None, typer.Option(help=f"Ranges of X, Y, Z of the TCP, mm: {_RANGES}.")] = None,
     angles: Annotated[str | None, typer.Option(help="Ranges of A, B, C, deg, in the same form.")] = None,
     joints: Annotated[str | None, typer.Option(help="In place of --box: ranges of A1…An, deg.")] = None,
     path: Annotated[Path | None, typer.Option(help="CSV with X, Y, Z along the path, mm, for near-path.")] = None,
     dense: Annotated[
-        int | None, typer.Option(min=1, help="Samples from which joint-uniform and near-path choose.")
+        int | None, typer.Option(min=1, help="Samples from which joint-uniform, near-path and optimal choose.")
     ] = None,
     partitions: Annotated[int | None, typer.Option(min=1, help="Parts of each joint, for joint-uniform.")] = None,
     near: Annotated[
@@ -211,37 +248,49 @@ def plan(
     Varied orientation, even joints: --method joint-uniform --angles 85:95,75:105,60:120
 
     Near a path: --method near-path --n 500 --path path.csv
+
+    Least predicted error: --optimal --task seam.csv
     """
     asked = Asked(
-        method, n, held_out, box, angles, joints, path, dense, partitions, near, station, reflector, facing, acceptance,
-        floor,
-    )  # fmt: skip
+        "optimal" if optimal else method, n, held_out, box, angles, joints, path, dense, partitions, near, station,
+        reflector, facing, acceptance, floor, Aim(criterion, model, prior, task, sigma, poses),  # type: ignore[arg-type]
+    )  # fmt: skip  # `refuse` looks at the criterion
+    if optimal and method not in ("quasi-random", "optimal"):
+        raise InputError(option("method", f"{method} is no optimal choice", "leave --method or --optimal out"))
     asked.refuse()
 
     refuse_json_on_stdout(json_, out, "the CSV")
-    refuse_outputs({"--out": out, "--json": json_}, [robot, path])
-    targets = _targets(robot, asked, seed)
+    refuse_outputs({"--out": out, "--json": json_}, [robot, path, prior, task])
+    targets, designed = _targets(robot, asked, seed)
     if out:
         write_atomically(out, targets_text(targets))
         if json_ != "-":
-            typer.echo(_words(targets, out))
+            typer.echo(_words(targets, designed, out))
     else:
         to_stdout(targets_text(targets))
-    write_json({"method": method, "seed": seed, **_figures(targets), "file": str(out) if out else None}, json_)
+    found = {"method": asked.method, "seed": seed, **_figures(targets)}
+    found |= {"design": as_json(designed)} if designed else {}
+    write_json({**found, "file": str(out) if out else None}, json_)
 
 
-def _targets(robot: Path, asked: Asked, seed: int) -> TargetSet:
-    """The targets. Raises InputError where the options or the region do not allow them."""
+def _targets(robot: Path, asked: Asked, seed: int) -> tuple[TargetSet, DesignFigures | None]:
+    """The targets, and what an optimal choice predicts. Raises InputError where the options or the region do not allow
+    them.
+    """
     file = RobotFile.load(robot)
     region, options = asked.region(file), asked.options(file)
     asked.raise_all()
     assert region is not None
+    assert options is not None
+    choice = OptimalChoice(file, asked.aim) if asked.method == "optimal" else None
     low, high = file.limits().T.tolist()
     reach = Reach(tuple(low), tuple(high))
     try:
-        return plan_targets(
-            file.chain(), file.joint_map(), reach, region, asked.method, asked.n, asked.held_out, seed, options  # type: ignore[arg-type]  # `Asked.refuse` has looked at the method
+        found = plan_targets(
+            file.chain(), file.joint_map(), reach, region, asked.method, asked.n, asked.held_out, seed,  # type: ignore[arg-type]  # `Asked.refuse` has looked at the method
+            replace(options, choose=choice),
         )  # fmt: skip
+        return found, choice.figures if choice else None
     except (OutOfReach, ValueError) as error:
         what, _, cure = str(error).partition(": ")
         raise InputError(option("joints" if asked.joints else "box", what, cure)) from error
@@ -265,7 +314,7 @@ def _figures(targets: TargetSet) -> dict[str, Any]:
     }
 
 
-def _words(targets: TargetSet, out: Path) -> str:
+def _words(targets: TargetSet, designed: DesignFigures | None, out: Path) -> str:
     figures = _figures(targets)
     judges = f" and {figures['held_out']} held-out" if figures["held_out"] else ""
     lines = [f"{out}: {figures['n']} targets{judges}, {figures['usable']} of {figures['drawn']} samples usable."]
@@ -274,5 +323,21 @@ def _words(targets: TargetSet, out: Path) -> str:
         f"  {name} {span['min']:.1f}…{span['max']:.1f}°, {100 * span['filled']:.0f} % of its parts filled"
         for name, span in figures["joints"].items()
     )
+    if designed:
+        lines += _predicted(designed, figures["n"])
     lines += [*spans, "Fill in X, Y, Z as measured; add A, B, C if the instrument measures orientation."]
     return "\n".join(lines)
+
+
+def _predicted(designed: DesignFigures, count: int) -> list[str]:
+    """What an optimal choice promises, and how far its rows check each other."""
+    checked = (
+        f"without any one row it rises by at most {designed.without_one_percent:.0f} %"
+        if designed.checkable
+        else f"no row can be checked by the others: without one it rises by {designed.without_one_percent:.0f} %"
+    )
+    return [
+        f"  predicted 1 σ (3-D) over {designed.task} places of the task after the fit: {designed.sigma_mm:.3f} mm, at "
+        f"most {designed.largest_mm:.3f} mm; with {count} samples taken evenly {designed.even_sigma_mm:.3f} and "
+        f"{designed.even_largest_mm:.3f} mm; {checked}.",
+    ]

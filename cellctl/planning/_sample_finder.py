@@ -45,10 +45,11 @@ class TargetOptions:
     """How targets are chosen, and what rejects one.
 
     near (n,): a posture, deg, whose configuration all targets have; None: the one that reaches most. dense: samples
-    from which joint-uniform and near-path choose; None: 20 for each target (at least 2000) and 2000. partitions: of
-    each joint, for joint-uniform; None: 20, or as many as the targets can cover. path (P, 3): polyline, mm, for
-    near-path; path_points: points on it. sight: what a station must see (frame: that of the robot file), None: no
-    station. floor: height, mm, from which links, TCP and reflectors keep `clearance`; None: no floor.
+    from which joint-uniform, optimal and near-path choose; None: 20 for each target (at least 2000) and 2000.
+    partitions: of each joint, for joint-uniform; None: 20, or as many as the targets can cover. path (P, 3): polyline,
+    mm, for near-path; path_points: points on it. sight: what a station must see (frame: that of the robot file), None:
+    no station. floor: height, mm, from which links, TCP and reflectors keep `clearance`; None: no floor. choose: for
+    optimal: from readings (M, n), deg, and a count, the indices (count,) of the targets.
     """
 
     near: Array | None = None
@@ -59,6 +60,7 @@ class TargetOptions:
     sight: Sight | None = None
     floor: float | None = None
     clearance: float = 100.0
+    choose: Callable[[Array, int], NDArray[np.int_]] | None = None
 
 
 @final

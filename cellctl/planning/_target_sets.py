@@ -79,8 +79,30 @@ def near_path(positions: Array, path: Array, count: int) -> Indices:
     return np.asarray(ranked[np.sort(first)[:count]])
 
 
+BLOCK = 10
+"""Targets of a block: a few minutes of a measurement."""
+
+
+def in_blocks(readings: Array, rng: np.random.Generator) -> Indices:
+    """Order (N,) of targets `readings` (N, n), deg: blocks drawn at random, within each the short way.
+
+    A drift of the instrument or of the robot's temperature over the measurement is then not the error of a place: every
+    part of the region is in every part of the time. In random order alone the robot would cross the cell for each
+    target. The way within a block: always to the nearest one left, by the joint that has furthest to turn.
+    """
+    order: list[int] = []
+    for block in np.array_split(rng.permutation(len(readings)), max(1, round(len(readings) / BLOCK))):
+        left = block.tolist()
+        while left:
+            away = np.abs(readings[left] - readings[order[-1]]).max(axis=1) if order else np.zeros(len(left))
+            order.append(left.pop(int(np.argmin(away))))
+    return np.array(order, int)
+
+
 Mask = NDArray[np.bool_]
-Method: TypeAlias = Literal["quasi-random", "halton", "joint-uniform", "near-path", "pseudo-random", "clustered"]
+Method: TypeAlias = Literal[
+    "quasi-random", "halton", "joint-uniform", "near-path", "optimal", "pseudo-random", "clustered"
+]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 _SEQUENCE: dict[Method, Sequence] = {
@@ -88,6 +110,7 @@ _SEQUENCE: dict[Method, Sequence] = {
     "halton": "halton",
     "joint-uniform": "sobol",
     "near-path": "sobol",
+    "optimal": "sobol",
     "pseudo-random": "pseudo-random",
     "clustered": "clustered",
 }
@@ -129,10 +152,11 @@ def plan_targets(
 ) -> TargetSet:
     """`count` targets for the fit by `method`, and `held_out` more for judging, in random order among them.
 
-    quasi-random: Sobol, scrambled by the seed; halton; joint-uniform: `choosing.joint_uniform` of dense Sobol samples;
-    near-path: `choosing.near_path`; pseudo-random and clustered are baselines. Held-out targets are pseudo-random
-    points of the same region, for near-path the nearest to the path among as many. Poses and station are in the frame
-    of `chain`, with its base.
+    quasi-random: Sobol, scrambled by the seed; halton; joint-uniform: `joint_uniform` of dense Sobol samples;
+    near-path: `near_path` of these; optimal: what `TargetOptions.choose` takes of them; pseudo-random and clustered are
+    baselines. Held-out targets are pseudo-random points of the same region, for near-path the nearest to the path among
+    as many. Optimal targets, with the held-out ones among them, are in blocks (`in_blocks`), others in random order.
+    Poses and station are in the frame of `chain`, with its base.
 
     Raises OutOfReach where too few are found, with what rejected most; ValueError where options contradict each other.
     """
@@ -148,8 +172,12 @@ def plan_targets(
     judges = finder.found(apart, wanted if held_out and method == "near-path" else held_out)
     if method == "near-path":
         judges = judges[_nearest(judges, finder, held_out, options)]
-    order = np.random.default_rng([seed, 25]).permutation(count + held_out) if held_out else np.arange(count)
-    readings = np.concatenate([chosen, judges])[order]
+    readings, rng = np.concatenate([chosen, judges]), np.random.default_rng([seed, 25])
+    if method == "optimal":
+        order = in_blocks(readings, rng)
+    else:
+        order = rng.permutation(count + held_out) if held_out else np.arange(count)
+    readings = readings[order]
     return TargetSet(
         readings,
         chain.forward(joints.model(readings)),
@@ -165,7 +193,9 @@ def _wanted(
     method: Method, count: int, held_out: int, region: TaskWorkspace | JointRanges, options: TargetOptions
 ) -> int:
     """How many usable samples the method needs."""
-    if method not in ("joint-uniform", "near-path"):
+    if method == "optimal" and options.choose is None:
+        raise ValueError("optimal needs what chooses: `TargetOptions.choose`")
+    if method not in ("joint-uniform", "near-path", "optimal"):
         return count
     if method == "near-path":
         _check_path(region, options.path)
@@ -191,6 +221,9 @@ def _chosen(
         return joint_uniform(found, count, min(options.partitions or _PARTS, most), rng)
     if method == "near-path":
         return _nearest(found, finder, count, options)
+    if method == "optimal":
+        assert options.choose is not None
+        return options.choose(found, count)
     return np.arange(count)
 
 

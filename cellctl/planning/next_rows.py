@@ -1,10 +1,7 @@
 """Which rows to measure next: candidates like the measured rows, and those that reduce the uncertainty most.
 
-The gain of a row does not depend on its reading: with Jacobian a, in its standard deviations, the posterior covariance
-C becomes C − Caᵀ(1 + aCaᵀ)⁻¹aC. The value of a row is the reduction of the mean variance of the requested TCPs
-(A-optimal, not D-optimal: parameters without effect on them have no value). Rows are chosen one by one, each with those
-before it taken as measured. The products of all candidates A with C are not computed anew for each: AC becomes
-AC − (ACaᵀ)(1 + aCaᵀ)⁻¹aC.
+The value of a row is the reduction of the mean variance of the requested TCPs (`design`): parameters without effect on
+them have no value. Rows are chosen one by one, each with those before it taken as measured.
 """
 
 from __future__ import annotations
@@ -18,6 +15,7 @@ from numpy.typing import NDArray
 from cellctl.calibration import Measured, Postures, RobotModel, State
 from cellctl.kinematics import Bools, Floats
 from cellctl.kinematics.low_discrepancy import evenly
+from cellctl.planning.design import Design, sigma_of, updated
 
 WIDER_RAD, WIDER_SHARE = np.deg2rad(30.0), 0.25
 """Joints may exceed the range of the rows by this much, or by this share of the range, whichever is more."""
@@ -61,54 +59,24 @@ def next_rows(covariance: Floats, asked: Floats, candidates: Floats, count: int)
     with zeros where a row has fewer than k numbers.
     """
     count = min(count, len(candidates))
-    weight, points = asked.T @ asked, len(asked) / 3.0
+    design, weight, points = Design(covariance, candidates, asked), asked.T @ asked, len(asked) / 3.0
     chosen: list[int] = []
-    known, sigma, narrowed = covariance, [_sigma(covariance, weight, points)], []
-    # tensordot: one product; `@` multiplies a stack one by one, three times slower
-    carried = np.tensordot(candidates, covariance, 1)
-    weighted = np.tensordot(carried, weight, 1)
+    sigma, narrowed = [sigma_of(covariance, weight, points)], []
     for _ in range(count):
-        worth = _gains(candidates, carried, weighted)
+        worth, before = design.gains(), design.covariance
         worth[chosen] = -np.inf
-        best = int(np.argmax(worth))
-        row, after = candidates[best], _updated(known, candidates[best])
-        shared, answer = carried @ row.T, _answer(known, row)
-        carried = carried - np.tensordot(shared, answer, 1)
-        weighted = weighted - np.tensordot(shared, answer @ weight, 1)
-        narrowed.append(_narrowed(known, after))
-        known, chosen = after, [*chosen, best]
-        sigma.append(_sigma(known, weight, points))
+        chosen.append(int(np.argmax(worth)))
+        design.measure(chosen[-1])
+        narrowed.append(_narrowed(before, design.covariance))
+        sigma.append(sigma_of(design.covariance, weight, points))
     spread = np.linspace(0, max(len(candidates) - 1, 0), count).astype(int)
-    without_choice = _updated(covariance, candidates[spread].reshape(-1, len(covariance)))
+    without_choice = updated(covariance, candidates[spread].reshape(-1, len(covariance)))
     return Advice(
         chosen=tuple(chosen),
         sigma_mm=np.array(sigma),
         narrowed=np.array(narrowed).reshape(count, len(covariance)),
-        at_random_mm=_sigma(without_choice, weight, points),
+        at_random_mm=sigma_of(without_choice, weight, points),
     )
-
-
-def _gains(candidates: Floats, carried: Floats, weighted: Floats) -> Floats:
-    """Reduction (M,) of trace(WC) by each of `candidates` A alone; carried: AC, weighted: ACW, all (M, k, P)."""
-    spread = np.eye(candidates.shape[1]) + carried @ np.swapaxes(candidates, 1, 2)
-    felt = weighted @ np.swapaxes(carried, 1, 2)
-    return np.asarray(np.trace(np.linalg.solve(spread, felt), axis1=1, axis2=2))
-
-
-def _updated(covariance: Floats, row: Floats) -> Floats:
-    """The covariance (P, P) after a measurement with Jacobian `row` (k, P), in its standard deviations."""
-    after = covariance - (row @ covariance).T @ _answer(covariance, row)
-    return np.asarray((after + after.T) / 2.0)
-
-
-def _answer(covariance: Floats, row: Floats) -> Floats:
-    """(1 + aCaᵀ)⁻¹aC (k, P) of `row` a (k, P)."""
-    carried = row @ covariance
-    return np.asarray(np.linalg.solve(np.eye(len(row)) + carried @ row.T, carried))
-
-
-def _sigma(covariance: Floats, weight: Floats, points: float) -> float:
-    return float(np.sqrt(max(float(np.sum(weight * covariance)), 0.0) / points))
 
 
 def _narrowed(before: Floats, after: Floats) -> NDArray[np.float64]:

@@ -82,6 +82,34 @@ def test_the_figures_say_what_was_drawn_rejected_and_covered(cellctl, capsys):
     assert all(0.5 < joint["filled"] <= 1.0 for joint in figures["joints"].values())
 
 
+def test_an_optimal_choice_says_what_it_promises_for_the_task_and_the_held_out_targets_judge_it(cellctl, capsys):
+    """For a few targets in a corner of the region the choice is another one than for the region, and better there."""
+    angles = ("--angles", "-60:60,120:180,-40:40")
+    corner = ("--box", "1150:1250,200:300,500:600", "--angles", "0:20,150:160,0:10")
+    assert cellctl("plan", ROBOT, "--n", 12, *corner, "-o", "corner.csv") == 0
+    task = [{label: row[f"nominal_{label}"] for label in "XYZABC"} for row in rows_of("corner.csv")]
+    save(task, "task.csv")
+    words = ("--n", 24, "--held-out", 16, "--optimal", "--model", "geometry", "--dense", 600, *BOX, *angles)
+    assert cellctl("plan", ROBOT, *words, "-o", "targets.csv", "--json", "all.json") == 0
+    assert "predicted 1 σ" in capsys.readouterr().out
+    assert cellctl("plan", ROBOT, *words, "--task", "task.csv", "-o", "near.csv", "--json", "near.json") == 0
+    everywhere, near = (json.loads(Path(name).read_text())["design"] for name in ("all.json", "near.json"))
+    assert everywhere["sigma_mm"] < 0.8 * everywhere["even_sigma_mm"]
+    assert near["task"] == 12
+    assert near["sigma_mm"] < everywhere["sigma_mm"]
+    rows = rows_of("targets.csv")
+    assert [row["set"] for row in rows].count("test") == 16
+    for row, place in zip(rows, measured(rows), strict=True):
+        row.update(dict(zip("XYZ", place, strict=True)))
+    save(rows, "measured.csv")
+    fit = ("fit", ROBOT, "measured.csv", "--model", "geometry", "--json", "fit.json", "--out", "model.json")
+    assert cellctl(*fit) == 0
+    assert json.loads(Path("fit.json").read_text())["test"]["mean"] < 0.08
+    known = ("--n", 24, "--optimal", "--prior", "model.json", "--dense", 600, *BOX, *angles, "-o", "more.csv")
+    assert cellctl("plan", ROBOT, *known, "--json", "more.json") == 0
+    assert json.loads(Path("more.json").read_text())["design"]["sigma_mm"] < everywhere["sigma_mm"]
+
+
 def test_targets_near_a_path_of_a_file(cellctl):
     Path("path.csv").write_text("X,Y,Z\n900,-200,300\n1200,-200,300\n1200,200,300\n")
     words = ("--method", "near-path", "--path", "path.csv", "--angles", "0,180,0", "-o", "t.csv")
@@ -111,6 +139,9 @@ def test_all_wrong_options_are_reported_at_once_with_their_cure(cellctl, capsys)
         (["--box", "5000:5100,0:1,0:1", "--angles", "0,180,0"], "no pose of the workspace is reached"),
         (["--joints", "170:180,-90,90,0,0,0"], "a joint limit would be passed"),
         ([*BOX, "--angles", "0,180,0", "--station", "1,2,3", "--facing", "0,0,0"], "0,0,0 is no direction"),
+        ([*BOX, "--angles", "0,180,0", "--criterion", "D"], "--criterion: is for an optimal choice"),
+        ([*BOX, "--angles", "0,180,0", "--optimal", "--criterion", "E"], "--criterion: 'E' is not known"),
+        ([*BOX, "--angles", "0,180,0", "--optimal", "--method", "halton"], "halton is no optimal choice"),
     ],
 )
 def test_a_wrong_region_or_setting_is_refused_in_plain_text(cellctl, capsys, words, said):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ NEAR = np.array([0.0, -60.0, 60.0, 0.0, 80.0, 30.0])
 
 def plan(region=CONSTANT, method="quasi-random", count=60, held_out=0, seed=1, near=NEAR, **options):
     settings = TargetOptions(near, path=PATH, **options)
+    settings = replace(settings, choose=lambda found, wanted: np.arange(len(found))[-wanted:])
     return plan_targets(CHAIN, JOINTS, REACH, region, method, count, held_out, seed, settings)
 
 

@@ -1,0 +1,169 @@
+"""An optimal choice of postures: rows of a fit that is still to be measured, under its whole model with its priors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellctl.calibration import Task
+from cellctl.calibration.model.learnt_map import LearntMap
+from cellctl.calibration.model.residual_model import PostureBasis
+from cellctl.calibration.model.unknowns import State
+from cellctl.calibration.prediction.predict import shape_columns
+from cellctl.calibration.residuals.discrepancy import Discrepancy
+from cellctl.calibration.rows import Measured
+from cellctl.compensation.postures import stated_posture
+from cellctl.files import InputError, Problem
+from cellctl.formats import DataSet, ModelFile, RobotFile, from_prior, measurements
+from cellctl.formats.measurements.columns import SIGMAS
+from cellctl.formats.targets import read_targets
+from cellctl.kinematics import Floats, abc_from_rotation
+from cellctl.planning.design import Criterion, chosen_rows
+
+TASK_PLACES = 256
+"""Places over which the predicted error is averaged."""
+
+CHECKABLE_PERCENT = 30.0
+"""A row is checked by the others where the predicted error rises by no more without it."""
+
+
+@final
+@dataclass(frozen=True)
+class Aim:
+    """What the rows are for. criterion: see `planning.design`. model: as for `cellctl fit`; with `prior`, a model file,
+    that one's. task: CSV of targets over which the error is predicted; None: the region. sigma_mm: of the instrument on
+    each axis, besides the robot's repeatability. poses: the instrument measures orientations too.
+    """
+
+    criterion: Criterion = "volume"
+    model: str = "auto"
+    prior: Path | None = None
+    task: Path | None = None
+    sigma_mm: float = 0.02
+    poses: bool = False
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class DesignFigures:
+    """What the chosen rows shall predict: 1 σ, 3-D, mm, RMS and largest over the task; even_…: after as many rows drawn
+    evenly from the same candidates. without_one_percent: by how much the RMS rises at most without any one row;
+    exchanged: number of exchanges; parameters: of the model; task: number of places.
+    """
+
+    criterion: Criterion
+    sigma_mm: float
+    largest_mm: float
+    even_sigma_mm: float
+    even_largest_mm: float
+    without_one_percent: float
+    exchanged: int
+    parameters: int
+    candidates: int
+    task: int
+
+    @property
+    def checkable(self) -> bool:
+        """Whether every row is checked by the others."""
+        return self.without_one_percent <= CHECKABLE_PERCENT
+
+
+@final
+class OptimalChoice:
+    """Chooses targets among usable samples: for `TargetOptions.choose`. figures: after the choice."""
+
+    def __init__(self, robot: RobotFile, aim: Aim) -> None:
+        self._robot, self._aim = robot, aim
+        self._prior = ModelFile.load(aim.prior) if aim.prior else None
+        self._targets = self._readings_of(aim.task) if aim.task else None
+        self.figures: DesignFigures | None = None
+
+    def __call__(self, readings: Floats, count: int) -> NDArray[np.int_]:
+        """Indices (count,) of the best of candidate readings (M, n), deg. Raises InputError."""
+        task, block = self._task(readings)
+        state = task.fixed_by([task.model] * len(task.sessions), task.rows)
+        covariance, asked = _prior_covariance(task, state), self._asked(task, state, readings)
+        columns = block.jacobian(state) / block.sigma[..., None]
+        found = chosen_rows(covariance, columns, asked, count, self._aim.criterion)
+        without = float(found.without_one_mm.max(initial=found.sigma_mm)) / found.sigma_mm
+        self.figures = DesignFigures(
+            criterion=self._aim.criterion,
+            sigma_mm=found.sigma_mm,
+            largest_mm=found.largest_mm,
+            even_sigma_mm=found.even_sigma_mm,
+            even_largest_mm=found.even_largest_mm,
+            without_one_percent=100.0 * (without - 1.0),
+            exchanged=found.exchanged,
+            parameters=int(np.count_nonzero(np.diag(covariance))),
+            candidates=len(columns),
+            task=len(asked) // 3,
+        )
+        return np.array(found.rows)
+
+    def _task(self, readings: Floats) -> tuple[Task, Measured]:
+        """A fit of the candidates as if they were measured, and its rows."""
+        robot, axes = self._robot, [f"A{axis}" for axis in range(1, readings.shape[1] + 1)]
+        poses = robot.chain().forward(robot.joint_map().model(readings))
+        sigma = float(np.hypot(self._aim.sigma_mm, robot.repeatability / np.sqrt(3.0)))
+        parts = {tuple(axes): readings, ("X", "Y", "Z"): poses[:, :3, 3]}
+        parts[SIGMAS] = np.full((len(readings), 3), sigma)
+        if self._aim.poses:
+            parts["A", "B", "C"] = abc_from_rotation(poses[:, :3, :3])
+        cells = tuple(map(tuple, np.column_stack(list(parts.values())).tolist()))
+        lines = tuple(range(2, len(readings) + 2))
+        data = DataSet("candidates", tuple(name for names in parts for name in names), cells, lines)
+        measured = measurements(robot, data, model=self._aim.model)
+        if self._prior is not None:
+            measured = from_prior(measured, self._prior, file=str(self._aim.prior))
+            return measured.task, measured.task.rows.blocks[0]
+        task = measured.task
+        tried = [each for each in task.candidates or () if each.chosen == "tried"]
+        effects = [each for each in (*task.model.effects, *tried) if not isinstance(each, LearntMap)]
+        if task.candidates is not None:  # `auto`: as its fit may end, with what its terms leave
+            basis = PostureBasis.over(task.rows.q)
+            effects.append(Discrepancy(basis.centres, basis.length_rad))
+        return replace(task.with_effects(tuple(effects)), candidates=None), task.rows.blocks[0]
+
+    def _asked(self, task: Task, state: State, readings: Floats) -> Floats:
+        """Derivative (3 N, P) of the task's places among each other by the parameters, mm."""
+        places = readings if self._targets is None else self._targets
+        some = places[np.unique(np.linspace(0, len(places) - 1, TASK_PLACES).astype(int))]
+        model = state.models[0]
+        columns = shape_columns(model, self._robot.joint_map().model(some))
+        return np.asarray(state.spread(columns[:, None, :], 0)[:, 0, :])
+
+    def _readings_of(self, file: Path) -> Floats:
+        """Readings (N, n), deg, in which the nominal robot reaches the targets of a file. Raises InputError."""
+        robot, data = self._robot, DataSet.load(file)
+        targets = read_targets(data, robot)
+        chain, joints, limits = robot.chain(), robot.joint_map(), robot.limits()
+        near, found, problems = limits.mean(axis=1), [], []
+        for row, pose in enumerate(targets.poses):
+            begin = near if targets.postures is None else targets.postures[row]
+            reached = stated_posture(chain, joints, limits, pose, begin)
+            if reached is None:
+                problems.append(
+                    Problem(str(file), targets.lines[row], 0, "is out of the robot's reach or joint limits")
+                )
+                continue
+            found.append(reached)
+            near = reached
+        if not problems and len(found) < 4:
+            problems.append(
+                Problem(str(file), 0, 0, f"{len(found)} targets have no shape to predict", "give four or more")
+            )
+        if problems:
+            raise InputError(problems)
+        return np.array(found)
+
+
+def _prior_covariance(task: Task, state: State) -> Floats:
+    """Covariance (P, P) of the parameters before any row; 0 for those that are held."""
+    unknowns = task.unknowns(state)
+    if unknowns.prior is not None:
+        return unknowns.prior
+    return np.diag(np.where(task.free_parameters(unknowns), unknowns.sigma, 0.0) ** 2)
