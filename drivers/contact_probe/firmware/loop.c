@@ -22,12 +22,12 @@ static volatile uint16_t sample;
 static volatile uint8_t samples;
 static volatile uint8_t edges_before_sample; /* the sample is newer than these edges */
 
-static inline bool comparator_closed(void)
+static inline __attribute__((always_inline)) bool comparator_closed(void)
 {
     return !(TCCR1B & WATCHING_FOR_CLOSED);
 }
 
-static inline bool capture_pending(void)
+static inline __attribute__((always_inline)) bool capture_pending(void)
 {
     return TIFR1 & _BV(ICF1);
 }
@@ -36,15 +36,18 @@ static inline __attribute__((always_inline)) void take_edge(struct instant at)
 {
     bool closing = !comparator_closed();
     TCCR1B ^= WATCHING_FOR_CLOSED;
-    TIFR1 = _BV(ICF1); /* turning the direction may set it */
-    last_edge = at;
+    TIFR1 = _BV(ICF1); /* turning the direction may have set it */
+    last_edge.overflows = at.overflows; /* member by member: a copy of the whole goes over the stack */
+    last_edge.cycles = at.cycles;
     edges++;
     if (counting) {
-        if (bounces < UINT8_MAX)
-            bounces++;
+        uint8_t count = bounces + 1;
+        if (count)
+            bounces = count;
     } else if (closing && armed) {
         armed = false;
-        first_edge = at;
+        first_edge.overflows = at.overflows;
+        first_edge.cycles = at.cycles;
         edge_found = true;
         bounces = 0;
         counting = true;
