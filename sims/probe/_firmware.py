@@ -22,6 +22,11 @@ CONFIRM_NS = 2 * _MS
 OPEN_NS = 20 * _MS
 STUCK_NS = 10_000 * _MS
 HOST_SILENT_NS = 500 * _MS
+STEADY_NS = 470_000
+"""Four to five samples of the A/D converter: so long a level must stay before it counts, if no edge shows it."""
+
+EDGE_MV = 1100
+"""The comparator's threshold: an edge to closed goes below it, an edge to open above it."""
 
 _REMEMBERED = 8
 """ARM and DISARM whose answers are kept for repetitions."""
@@ -82,10 +87,10 @@ _REFUSALS = {Level.CLOSED: "CLOSED", Level.BROKEN: "WIRE", Level.SENSELESS: "STA
 
 
 def level_of(millivolts: int) -> Level:
-    """The meaning of a loop voltage."""
+    """The meaning of a loop voltage, as the A/D converter measures it."""
     if millivolts < 500:
         return Level.CLOSED
-    if 1000 <= millivolts <= 2500:
+    if 1400 <= millivolts <= 2500:
         return Level.OPEN
     return Level.BROKEN if millivolts > 4000 else Level.SENSELESS
 
@@ -114,7 +119,9 @@ class Firmware:
         self._crystal = crystal
         self._outbox = Outbox()
         self._millivolts = millivolts
+        self._closed = millivolts < EDGE_MV
         self._level = level_of(millivolts)
+        self._steady_at: int | None = None
         self._level_since = now
         self._level_tick = crystal.tick(now)
         self._touched = self._level is Level.CLOSED
@@ -132,9 +139,8 @@ class Firmware:
         Returns the lines to send, in order. An edge is captured at `now`.
         """
         self._do_what_is_due(now)
-        self._millivolts = millivolts
-        if level_of(millivolts) is not self._level:
-            self._change_level(now, level_of(millivolts))
+        if millivolts != self._millivolts:
+            self._change_voltage(now, millivolts)
         for line in lines:
             self._hear(now, line)
         return self._outbox.collect(now)
@@ -150,6 +156,8 @@ class Firmware:
         timers: list[tuple[int, Callable[[int], None]]] = [(self._heartbeat_at, self._beat)]
         if self._edge is not None:
             timers.append((self._edge.confirm_at, self._confirm))
+        if self._steady_at is not None:
+            timers.append((self._steady_at, self._settle))
         if self._touched and self._level is Level.OPEN:
             timers.append((self._level_since + OPEN_NS, self._report_open))
         if self._level is Level.CLOSED and "STUCK" not in self._causes:
@@ -170,7 +178,7 @@ class Firmware:
 
     def _confirm(self, now: int) -> None:
         if self._edge is not None:
-            held = int(self._level is Level.CLOSED)
+            held = int(self._closed and self._level is not Level.SENSELESS)
             self._outbox.post(now, "CONF", self._edge.tick, held, self._edge.bounces)
             self._edge = None
 
@@ -178,17 +186,28 @@ class Firmware:
         self._touched = False
         self._outbox.post(now, "OPEN", self._level_tick)
 
-    def _change_level(self, now: int, level: Level) -> None:
-        self._level, self._level_since, self._level_tick = level, now, self._crystal.tick(now)
-        if self._edge is not None:
-            self._edge.bounces += 1
-        if level is Level.CLOSED:
-            self._close(now)
+    def _change_voltage(self, now: int, millivolts: int) -> None:
+        self._millivolts = millivolts
+        if (millivolts < EDGE_MV) is not self._closed:
+            self._closed = not self._closed
+            self._pass_edge(now)
+        self._steady_at = None if level_of(millivolts) is self._level else now + STEADY_NS
+
+    def _settle(self, now: int) -> None:
+        self._steady_at = None
+        self._change_level(now, level_of(self._millivolts))
         self._look_for_faults(now)
 
-    def _close(self, now: int) -> None:
-        self._touched = True
-        if self.state is State.ARMED:
+    def _change_level(self, now: int, level: Level) -> None:
+        self._level, self._level_since, self._level_tick = level, now, self._crystal.tick(now)
+        self._touched |= level is Level.CLOSED
+
+    def _pass_edge(self, now: int) -> None:
+        self._change_level(now, Level.CLOSED if self._closed else Level.OPEN)
+        self._touched = True  # also where it opens: it was closed before
+        if self._edge is not None:
+            self._edge.bounces += 1
+        elif self._closed and self.state is State.ARMED:
             self.state = State.TRIPPED
             self._edge = Edge(self._level_tick, now + CONFIRM_NS)
             self._outbox.post(now, "EDGE", self._level_tick)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from typing import final
+from typing import Protocol, final
 
 from sims.faults import Faults
 from sims.kernel import Event, Hold, Kernel
@@ -80,6 +80,21 @@ EVENTS = {State.ARMED: ARM, State.TRIPPED: CONTACT}
 """What is announced when the probe comes into a state."""
 
 
+class Watcher(Protocol):
+    """What the server needs of the microcontroller with its wires."""
+
+    on_state: Callable[[State], object]
+
+    def feed(self, chunk: bytes) -> list[bytes]:
+        """Characters from the host. Returns the lines that they complete, though the probe has yet to hear them."""
+
+    def reset(self, cause: str) -> None:
+        """Everything is lost; the probe is back after its boot loader's time."""
+
+    def close(self) -> None:
+        """Switch it off."""
+
+
 @final
 class Probe:
     """The microcontroller with its wires: fed with characters, it gives lines to `deliver(line, seq)`."""
@@ -92,11 +107,12 @@ class Probe:
         baud: int,
         grid_ns: int,
         deliver: Callable[[bytes, int], object],
+        crystal: Crystal | None = None,
     ) -> None:
         self._kernel = kernel
         self._circuit = circuit
         self._serial = f"SIM-{seed:06d}"
-        self._crystal = Crystal.from_seed(seed)
+        self._crystal = crystal or Crystal.from_seed(seed)
         self._transmitter = Transmitter(kernel, baud, grid_ns, lambda: self._crystal.tick(kernel.now), deliver)
         self._receiver = Receiver(kernel, baud, lambda line: self._update([parse_host_line(line)]))
         self._wake: Event | None = None
@@ -115,6 +131,9 @@ class Probe:
         self._transmitter.cut()
         self._crystal = self._crystal.restarted(self._kernel.now)
         self._sleep_until(self._kernel.now + REBOOT_NS, lambda: self._boot(cause))
+
+    def close(self) -> None:
+        """It has nothing that would have to be let go."""
 
     def _boot(self, cause: str) -> None:
         now = self._kernel.now
@@ -139,9 +158,12 @@ class Probe:
 
 @final
 class ProbeServer:
-    """The probe on its pseudo-terminal. In lockstep each line that arrives holds T until the host acknowledges it."""
+    """The probe on its pseudo-terminal. In lockstep each line that arrives holds T until the host acknowledges it.
 
-    def __init__(self, setup: Setup) -> None:
+    `build` takes the place of `Probe`, with its arguments and methods: another program that watches the loop.
+    """
+
+    def __init__(self, setup: Setup, build: Callable[..., Watcher] = Probe) -> None:
         kernel, faults, seed = setup.kernel, setup.faults, setup.cell.simulate.seed
         self._kernel = kernel
         self._faults = faults
@@ -154,7 +176,7 @@ class ProbeServer:
         self.requests: dict[str, Request] = {}
         circuit = Circuit(kernel, setup.scene.contact, faults, seed, setup.settings["bounce"])
         grid_ns = round(setup.settings["usb_delay_ms"] * 1e6)
-        self._probe = Probe(kernel, circuit, seed, baud_of(setup.address), grid_ns, self._deliver)
+        self._probe = build(kernel, circuit, seed, baud_of(setup.address), grid_ns, self._deliver)
         self._probe.on_state = lambda state: faults.announce(EVENTS[state]) if state in EVENTS else None
         faults.on_start("probe.reset", lambda: self._probe.reset("WATCHDOG"))
 
@@ -165,6 +187,7 @@ class ProbeServer:
 
     def close(self) -> None:
         """Hang up."""
+        self._probe.close()
         self._terminal.close()
         self._host_hangs_up()
 
