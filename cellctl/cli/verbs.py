@@ -71,6 +71,7 @@ VERBS = {
     "convert": Verb("convert", "convert", "Convert a robot file or model to another form."),
     "robots": Verb("robots", "robots", "List the robots that a fit, a plan or a cell may name, or show one."),
     "krl": Verb("cell", "krl", "Write the files to load on the controller."),
+    "firmware": Verb("firmware", "firmware", "Write the contact probe's firmware, to load or to build it."),
     "sim": Verb("cell", "sim", "Run a cell's simulators until Ctrl-C."),
     "console": Verb("cell", "console", "Serve the operator's console and its JSON API until Ctrl-C."),
 }

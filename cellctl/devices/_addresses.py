@@ -150,6 +150,7 @@ class DriverDescription:
     for the cell of that name; raises ValueError for errors in the address or the limits.
     `places(address)`: what the device occupies for itself, by `host_places` and `path_places`: two processes never use
     one place at once. Without it, the address's path, or its host and port.
+    `firmware`: the folder with sources and program of a device that one builds oneself.
     """
 
     open: Callable[[str, Address, Surroundings], Device]
@@ -158,3 +159,4 @@ class DriverDescription:
     check_setup: Callable[[Address, Surroundings], list[Finding]] | None = None
     controller_files: Callable[[str, Address, Surroundings], dict[str, str]] | None = None
     places: Callable[[Address], Iterable[str]] | None = None
+    firmware: Path | None = None

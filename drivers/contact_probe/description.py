@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from cellctl.devices import Address, ContactProbe, DriverDescription, Surroundings
 from drivers.contact_probe.probe import SerialProbe
 from drivers.serial_port import SerialPlace
@@ -21,4 +23,4 @@ def open_probe(name: str, address: Address, surroundings: Surroundings) -> Conta
     return SerialProbe(name, place, surroundings.clock)
 
 
-DRIVER = DriverDescription(open_probe, ContactProbe)
+DRIVER = DriverDescription(open_probe, ContactProbe, firmware=Path(__file__).parent / "firmware")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import final
 
 _CLOSED_BELOW_MV = 500
-_OPEN_MV = range(1000, 2501)
+_OPEN_MV = range(1400, 2501)
 """States of the loop, as in docs/reference/probe-protocol.md."""
 
 
