@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,12 @@ MS, US = 1_000_000, 1_000
 CLOSED, OPEN, BROKEN = 40, 1650, 4950
 BYTE_NS = 40_000
 TICK_NS = 500
+OVERFLOW_TICKS = 0x10000 // 8
+"""Ticks of the firmware between two overflows of its 16-bit timer, which counts cycles."""
+TIMES = ("heartbeat_at", "host_heard_at", "level_since")
+"""Variables of the firmware that are ticks."""
+DATA_SPACE = 0x800000
+"""Where the linker's addresses of RAM begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +38,12 @@ class Images:
     bench: Path
     elf: Path
     selftest: Path
+
+    def variable(self, name: str) -> int:
+        """The address of one of the firmware's variables."""
+        symbols = subprocess.run(["avr-nm", self.elf], capture_output=True, text=True, check=True).stdout.splitlines()
+        (address,) = [line.split()[0] for line in symbols if line.split()[1:] in (["b", name], ["B", name])]
+        return int(address, 16) - DATA_SPACE
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +67,7 @@ class Sent:
 
 
 class Rig:
-    """What both rigs have. `sent`: every line so far; `refused`: what came and is no line."""
+    """What both rigs have. `sent`: every line so far; `refused`: what came and is no line; `changes`: of voltage."""
 
     ok_pin = False
     """Whether it has the hard-wired output."""
@@ -63,6 +76,7 @@ class Rig:
         self.now = 0
         self.sent: list[Sent] = []
         self.refused: list[bytes] = []
+        self.changes: list[int] = []
         self._next_seq = itertools.count()
         self._acknowledged = 0
         self._arrived = bytearray()
@@ -70,6 +84,11 @@ class Rig:
 
     def level(self, millivolts: int, at_ns: int | None = None) -> None:
         """The loop's voltage from now on, or from a time to come (in order)."""
+        at_ns = self.now if at_ns is None else at_ns
+        self.changes.append(at_ns)
+        self._level(millivolts, at_ns)
+
+    def _level(self, millivolts: int, at_ns: int) -> None:
         raise NotImplementedError
 
     def put(self, data: bytes) -> None:
@@ -133,6 +152,10 @@ class Rig:
         """The time on the rig at a count of the probe."""
         return tick * TICK_NS
 
+    def bring_near_wrap(self) -> None:
+        """The next lines have the numbers 65530 and on, and ticks that wrap 1 s from now."""
+        raise NotImplementedError
+
     def close(self) -> None:
         """Nothing is to be let go."""
 
@@ -158,6 +181,7 @@ class FirmwareRig(Rig):
 
     def __init__(self, images: Images, millivolts: int = OPEN, ppm: float = 0.0) -> None:
         super().__init__()
+        self._images = images
         self.bench = Bench(images.bench, images.elf)
         self.events: list[Event] = []
         self.ok: list[tuple[int, int]] = []
@@ -173,9 +197,8 @@ class FirmwareRig(Rig):
         """Of the rig at a cycle of the chip's clock."""
         return round(cycle * 1e9 / self._hz)
 
-    def level(self, millivolts: int, at_ns: int | None = None) -> None:
-        """Also in the chip's future."""
-        self.bench.level(self.cycle(self.now if at_ns is None else at_ns), millivolts)
+    def _level(self, millivolts: int, at_ns: int) -> None:
+        self.bench.level(self.cycle(at_ns), millivolts)
 
     def put(self, data: bytes) -> None:
         """Over the bench's wire."""
@@ -187,6 +210,16 @@ class FirmwareRig(Rig):
             self.bench.hang(self.cycle(self.now))
         else:
             self.bench.reset(self.cycle(self.now), cause)
+
+    def bring_near_wrap(self) -> None:
+        """By setting the program's clock, with the times that it keeps, and its outbox's next number."""
+        now = int.from_bytes(self.bench.memory(self._images.variable("clock_overflows"), 4), "little")
+        ahead = ((1 << 32) - 2_000_000) // OVERFLOW_TICKS - now
+        for name, step in {"clock_overflows": 1, **dict.fromkeys(TIMES, OVERFLOW_TICKS)}.items():
+            address = self._images.variable(name)
+            value = int.from_bytes(self.bench.memory(address, 4), "little") + ahead * step
+            self.bench.write(address, (value % (1 << 32)).to_bytes(4, "little"))
+        self.bench.write(self._images.variable("next_seq"), (65530).to_bytes(2, "little"))
 
     def of_kind(self, kind: str) -> list[Event]:
         """The bench's events of this kind."""
@@ -264,13 +297,18 @@ class SimulatorRig(Rig):
         self._loop = Loop(millivolts)
         self.probe = Probe(self._queue, self._loop, 1, 250_000, 0, self._deliver, Crystal(0.0, 0, 0))
 
-    def level(self, millivolts: int, at_ns: int | None = None) -> None:
-        """Through the queue."""
-        self._queue.at(self.now if at_ns is None else at_ns, lambda: self._loop.set(millivolts))
+    def _level(self, millivolts: int, at_ns: int) -> None:
+        self._queue.at(at_ns, lambda: self._loop.set(millivolts))
 
     def put(self, data: bytes) -> None:
         """Over the simulator's own wire."""
         self.probe.feed(data)
+
+    def bring_near_wrap(self) -> None:
+        """By a crystal that began to count earlier, and the outbox's next number."""
+        crystal = Crystal(0.0, ((1 << 32) - 2_000_000), self.now)
+        self.probe._crystal = self.probe._firmware._crystal = crystal
+        self.probe._firmware._outbox._next_seq = 65530
 
     def reset(self, cause: str) -> None:
         """Now; its counts begin anew."""

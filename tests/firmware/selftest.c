@@ -58,11 +58,12 @@ int main(void) {
             wdt_enable(WDTO_30MS);
             cli();
             for (;;) {}
-        } else if (byte == 'o') {  // deaf for 12 bytes
+        } else if (byte == 'o') {  // deaf for 15 bytes
             for (uint16_t i = 0; i < 2000; i++) __asm__ volatile("nop");
-        } else if (byte == 's') {  // both flags were raised: clearing one leaves the other
+        } else if (byte == 's') {  // of an edge meanwhile, the flag stays until its interrupt is enabled again
             cli();
             TIMSK1 = 0;
+            for (uint16_t i = 0; i < 2000; i++) __asm__ volatile("nop");
             TIFR1 = 1 << TOV1;
             put(TIFR1);
             TIMSK1 = 1 << ICIE1;

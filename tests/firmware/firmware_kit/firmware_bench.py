@@ -73,6 +73,10 @@ class Bench:
         self._command(f"peek {address:x} {count}")
         return bytes.fromhex(self._answer()[1])
 
+    def write(self, address: int, data: bytes) -> None:
+        """Write into the data space."""
+        self._command(f"poke {address:x} {data.hex()}")
+
     def close(self) -> None:
         """Switch it off."""
         self._process.communicate()
