@@ -31,6 +31,7 @@ tick_t clock_tick(struct instant at, uint16_t earlier)
 {
     if (at.cycles < earlier)
         at.overflows--;
-    uint16_t cycles = at.cycles - earlier;
-    return at.overflows * (0x10000 / CYCLES_PER_TICK) + cycles / CYCLES_PER_TICK;
+    uint32_t low = at.overflows << 16 | (uint16_t)(at.cycles - earlier);
+    uint8_t high = (uint8_t)(at.overflows >> 16) << 5; /* 2^32 cycles are 2^29 ticks */
+    return low / CYCLES_PER_TICK | (uint32_t)high << 24;
 }

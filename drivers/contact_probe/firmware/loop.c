@@ -104,7 +104,7 @@ void loop_start(void)
     DIDR1 = _BV(AIN1D);
     DIDR0 = _BV(ADC0D);
     ACSR = _BV(ACBG) | _BV(ACIC);
-    TCCR1B |= _BV(ICNC1) | WATCHING_FOR_CLOSED; /* if the loop is closed, the first A/D sample finds it */
+    TCCR1B |= _BV(ICNC1) | WATCHING_FOR_CLOSED; /* if the loop is closed, the first pass of the main loop finds it */
     TIFR1 = _BV(ICF1);
     TIMSK1 |= _BV(ICIE1);
     ADMUX = _BV(REFS0); /* the supply, which feeds the loop, too */
@@ -136,7 +136,7 @@ static void change_level(enum level to, tick_t since)
 }
 
 /* A level that the A/D converter alone can see, or sees without an edge of the comparator, counts once it is steady. */
-static void judge_sample(bool newer_than_edges)
+static void judge_sample(bool newer_than_edges, tick_t now)
 {
     static enum level candidate;
     static uint8_t run;
@@ -151,7 +151,7 @@ static void judge_sample(bool newer_than_edges)
         return;
     run = STEADY_SAMPLES;
     if (seen != level)
-        change_level(seen, clock_now());
+        change_level(seen, now);
 }
 
 /* An edge between a capture and the turning of its direction is lost: a bounce of a few microseconds. The first edge
@@ -164,7 +164,7 @@ static void find_lost_edge(void)
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
         closed = ACSR & _BV(ACO);
-        __builtin_avr_delay_cycles(CAPTURE_DELAY_CYCLES); /* an edge on its way to its capture has arrived by then */
+        __builtin_avr_delay_cycles(CAPTURE_DELAY_CYCLES); /* an edge on its way to its capture arrives meanwhile */
         if (closed != comparator_closed() && !capture_pending())
             take_edge(clock_instant(TCNT1));
     }
@@ -179,7 +179,8 @@ static void follow_comparator(void)
     {
         edges_now = edges;
         closed = comparator_closed();
-        at = last_edge;
+        at.overflows = last_edge.overflows;
+        at.cycles = last_edge.cycles;
     }
     if (edges_now == edges_seen)
         return;
@@ -188,7 +189,7 @@ static void follow_comparator(void)
     change_level(closed ? LEVEL_CLOSED : LEVEL_OPEN, clock_tick(at, CAPTURE_DELAY_CYCLES));
 }
 
-static void follow_converter(void)
+static void follow_converter(tick_t now)
 {
     uint8_t samples_now, edges_before;
     uint16_t raw;
@@ -201,17 +202,17 @@ static void follow_converter(void)
     if (samples_now == samples_seen)
         return;
     samples_seen = samples_now;
-    millivolts = raw * SUPPLY_MV / 1024;
-    judge_sample(edges_before == edges_seen);
+    millivolts = raw * (SUPPLY_MV / 4) / 256; /* of 1024 steps */
+    judge_sample(edges_before == edges_seen, now);
 }
 
-void loop_update(void)
+void loop_update(tick_t now)
 {
     find_lost_edge();
     follow_comparator();
-    follow_converter();
+    follow_converter(now);
     tick_t limit = level == LEVEL_CLOSED ? MS(STUCK_MS) : MS(OPEN_MS);
-    if (level_lasts || !clock_reached(clock_now(), level_since + limit))
+    if (level_lasts || !clock_reached(now, level_since + limit))
         return;
     level_lasts = true;
     if (level == LEVEL_OPEN && touched) {

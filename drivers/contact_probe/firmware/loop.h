@@ -22,8 +22,8 @@ struct confirmation {
 
 void loop_start(void);
 
-/* Follow comparator and A/D converter: once in each pass of the main loop. */
-void loop_update(void);
+/* Follow comparator and A/D converter: once in each pass of the main loop, which began at `now`. */
+void loop_update(tick_t now);
 
 /* Whether an interrupt has left something for `loop_update`. Interrupts are disabled. */
 bool loop_has_news(void);

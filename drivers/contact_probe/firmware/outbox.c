@@ -1,5 +1,7 @@
 #include "outbox.h"
 
+#include <string.h>
+
 #include "board.h"
 #include "uart.h"
 
@@ -7,10 +9,10 @@
 
 static struct entry {
     struct message message;
+    bool sent;
     uint16_t seq;     /* given when it is first sent */
-    tick_t repeat_at; /* after it was first sent */
-    enum { FREE, NEW, SENT } state;
-} entries[ROOM]; /* in the order of posting, the free ones last */
+    tick_t repeat_at; /* after that */
+} entries[ROOM], *end = entries; /* in the order of posting */
 
 static uint16_t next_seq;
 
@@ -21,14 +23,13 @@ static bool is_answer(const struct entry *entry)
 
 static void discard(struct entry *entry)
 {
-    for (; entry < entries + ROOM - 1; entry++)
-        *entry = entry[1];
-    entry->state = FREE;
+    end--;
+    memmove(entry, entry + 1, (uint8_t *)end - (uint8_t *)entry);
 }
 
 static struct entry *oldest_answer(void)
 {
-    for (struct entry *entry = entries; entry < entries + ROOM; entry++)
+    for (struct entry *entry = entries; entry < end; entry++)
         if (is_answer(entry))
             return entry;
     return entries;
@@ -36,19 +37,17 @@ static struct entry *oldest_answer(void)
 
 void outbox_post(const struct message *message)
 {
-    struct entry *last = entries + ROOM - 1;
-    if (last->state != FREE)
+    if (end == entries + ROOM)
         discard(oldest_answer());
-    while (last > entries && last[-1].state == FREE)
-        last--;
-    last->message = *message;
-    last->state = NEW;
+    end->message = *message;
+    end->sent = false;
+    end++;
 }
 
 void outbox_acknowledge(uint16_t seq)
 {
-    for (struct entry *entry = entries; entry < entries + ROOM; entry++)
-        if (entry->state == SENT && entry->seq == seq) {
+    for (struct entry *entry = entries; entry < end; entry++)
+        if (entry->sent && entry->seq == seq) {
             discard(entry);
             return;
         }
@@ -57,8 +56,8 @@ void outbox_acknowledge(uint16_t seq)
 static struct entry *next_new(void)
 {
     struct entry *answer = 0;
-    for (struct entry *entry = entries; entry < entries + ROOM && entry->state != FREE; entry++) {
-        if (entry->state != NEW)
+    for (struct entry *entry = entries; entry < end; entry++) {
+        if (entry->sent)
             continue;
         if (!is_answer(entry))
             return entry;
@@ -71,18 +70,17 @@ static struct entry *next_new(void)
 static struct entry *next_repetition(tick_t now)
 {
     struct entry *longest_due = 0;
-    for (struct entry *entry = entries; entry < entries + ROOM && entry->state != FREE; entry++)
-        if (entry->state == SENT && clock_reached(now, entry->repeat_at) &&
+    for (struct entry *entry = entries; entry < end; entry++)
+        if (entry->sent && clock_reached(now, entry->repeat_at) &&
             (!longest_due || clock_reached(longest_due->repeat_at, entry->repeat_at)))
             longest_due = entry;
     return longest_due;
 }
 
-bool outbox_send(bool heartbeat_due)
+bool outbox_send(bool heartbeat_due, tick_t now)
 {
     if (!uart_is_idle())
         return false;
-    tick_t now = clock_now();
     struct entry *entry = next_new();
     if (!entry && heartbeat_due) {
         static const struct message heartbeat = {.kind = KIND_HB};
@@ -93,8 +91,8 @@ bool outbox_send(bool heartbeat_due)
         entry = next_repetition(now);
     if (!entry)
         return false;
-    if (entry->state == NEW) {
-        entry->state = SENT;
+    if (!entry->sent) {
+        entry->sent = true;
         entry->seq = next_seq++;
     }
     entry->repeat_at = now + MS(REPEAT_MS);

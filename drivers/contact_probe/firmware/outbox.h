@@ -38,7 +38,7 @@ void outbox_acknowledge(uint16_t seq);
 
 /* If the line is free, send what comes next: a new event, a new answer, a heartbeat if `heartbeat_due`, a repetition.
  * Returns whether it was the heartbeat. */
-bool outbox_send(bool heartbeat_due);
+bool outbox_send(bool heartbeat_due, tick_t now);
 
 /* Write a line of a message (for a heartbeat: of the present state). In probe.c, which knows their meaning. */
 void write_line(const struct message *message, uint16_t seq);

@@ -174,9 +174,9 @@ static enum reply execute_once(const struct host_line *line)
     return answer->reply;
 }
 
-static void hear(const struct host_line *line)
+static void hear(const struct host_line *line, tick_t now)
 {
-    host_heard_at = clock_now();
+    host_heard_at = now;
     host_alive = true;
     switch (line->command) {
     case COMMAND_ACK:
@@ -215,7 +215,7 @@ static void report_contact(void)
         post_event(KIND_OPEN, opening);
 }
 
-static void watch_for_faults(void)
+static void watch_for_faults(tick_t now)
 {
     if (loop_level() == LEVEL_BROKEN)
         report_fault(WIRE);
@@ -223,7 +223,7 @@ static void watch_for_faults(void)
         report_fault(RANGE);
     if (loop_is_stuck())
         report_fault(STUCK);
-    if (host_alive && clock_reached(clock_now(), host_heard_at + MS(HOST_SILENT_MS)))
+    if (host_alive && clock_reached(now, host_heard_at + MS(HOST_SILENT_MS)))
         host_alive = false;
     if (state == ARMED && !host_alive)
         report_fault(HOST);
@@ -239,17 +239,18 @@ void probe_start(enum cause cause)
 
 void probe_update(void)
 {
+    tick_t now = clock_now();
     struct host_line line;
-    loop_update();
+    loop_update(now);
     report_contact();
-    watch_for_faults();
+    watch_for_faults(now);
     if (line_receive(&line))
-        hear(&line);
+        hear(&line, now);
     loop_drive_output(host_alive);
-    if (clock_reached(clock_now(), heartbeat_at)) {
+    if (clock_reached(now, heartbeat_at)) {
         heartbeat_at += MS(HEARTBEAT_MS);
         heartbeat_due = true;
     }
-    if (outbox_send(heartbeat_due))
+    if (outbox_send(heartbeat_due, now))
         heartbeat_due = false;
 }

@@ -3,45 +3,37 @@
 #include <avr/interrupt.h>
 #include <util/atomic.h>
 
-#define SIZE 128 /* of each ring: a power of two */
-#define AFTER(index) (((index) + 1) & (SIZE - 1))
-#define NEWLINES 4 /* whose times are kept: shorter lines than these do not fill 4 ms */
-
-static char received[SIZE];
+/* Rings of 256 characters: an index wraps by itself. That of reception holds 10 ms; if it overflows all the same, the
+ * check sum of what is left in it is wrong. */
+static char received[256];
 static volatile uint8_t received_head, received_tail;
-static volatile uint16_t newline_cycles[NEWLINES];
-static uint8_t newlines_read;
+static volatile uint8_t newline_head; /* where the last \n is */
+static volatile uint16_t newline_cycles;
 
-static char to_send[SIZE];
+static char to_send[256];
 static volatile uint8_t send_head, send_tail;
 static bool begun;
 
 ISR(USART_RX_vect)
 {
-    static uint8_t newlines;
-    static bool lost;
     uint8_t errors = UCSR0A & (_BV(FE0) | _BV(DOR0)); /* before UDR0, which takes them along */
     char character = UDR0;
-    uint8_t head = received_head, next = AFTER(head);
-    if (next == received_tail) {
-        lost = true;
-        return;
-    }
-    if (errors || lost)
+    uint8_t head = received_head;
+    if (errors)
         character = 0;
-    lost = false;
     received[head] = character;
-    if (character == '\n')
-        newline_cycles[newlines++ % NEWLINES] = TCNT1;
-    received_head = next;
+    if (character == '\n') {
+        newline_cycles = TCNT1;
+        newline_head = head;
+    }
+    received_head = head + 1;
 }
 
 ISR(USART_UDRE_vect)
 {
     uint8_t tail = send_tail;
-    UDR0 = to_send[tail];
+    UDR0 = to_send[tail++];
     UCSR0A = _BV(TXC0); /* cleared by writing 1: set again when this character has left and none follows */
-    tail = AFTER(tail);
     send_tail = tail;
     if (tail == send_head)
         UCSR0B &= ~_BV(UDRIE0);
@@ -66,9 +58,7 @@ bool uart_read(char *character)
     if (tail == received_head)
         return false;
     *character = received[tail];
-    received_tail = AFTER(tail);
-    if (*character == '\n')
-        newlines_read++;
+    received_tail = tail + 1;
     return true;
 }
 
@@ -76,12 +66,15 @@ tick_t uart_newline_tick(void)
 {
     struct instant at;
     uint16_t cycles;
+    uint8_t head;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
-        cycles = newline_cycles[(uint8_t)(newlines_read - 1) % NEWLINES];
+        cycles = newline_cycles;
+        head = newline_head;
         at = clock_instant(TCNT1);
     }
-    return clock_tick(at, at.cycles - cycles);
+    bool latest = head == (uint8_t)(received_tail - 1);
+    return clock_tick(at, latest ? at.cycles - cycles : 0);
 }
 
 bool uart_is_idle(void)
@@ -106,6 +99,6 @@ void uart_send(char character)
 {
     uint8_t head = send_head;
     to_send[head] = character;
-    send_head = AFTER(head);
+    send_head = head + 1;
     UCSR0B |= _BV(UDRIE0); /* not atomic: all that an interrupt can change meanwhile is this bit */
 }
