@@ -49,6 +49,14 @@ def test_every_line_of_a_touch_is_one_that_the_driver_reads(rig):
     assert max(len(s.raw) for s in probe.sent) <= 121
 
 
+@rule("8N1 at 250 kbaud: a character takes 40 µs")
+def test_characters_take_their_time(rig):
+    probe = rig()
+    probe.wait(300)
+    assert len(probe.sent) > 5
+    assert all(abs(s.end_ns - s.start_ns - len(s.raw) * 40 * US) <= 2 * US for s in probe.sent)
+
+
 @rule("A `\\r` before the line's end is ignored")
 def test_a_carriage_return_before_the_end_changes_nothing(rig):
     probe = rig()
