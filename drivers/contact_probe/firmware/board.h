@@ -38,6 +38,10 @@
 /* Equal A/D samples (104 µs each) before a level counts: single ones lie on the way from one level to another. */
 #define STEADY_SAMPLES 4
 
+/* Edges in one pass of the main loop: with more, the comparator chatters, at a loop voltage near its threshold, and would
+ * keep the main loop from running. 50 bounces in 2 ms are 23 in the longest pass. */
+#define MOST_EDGES 32
+
 /* Cycles from an edge at the comparator's output to its capture: synchroniser and edge detector 3, noise canceller 4. */
 #define CAPTURE_DELAY_CYCLES 7
 

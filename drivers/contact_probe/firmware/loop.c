@@ -8,7 +8,7 @@
  * that bounces are counted both ways. The direction is also the memory of the comparator's last level. */
 #define WATCHING_FOR_CLOSED _BV(ICES1)
 
-static volatile uint8_t edges; /* modulo 256 */
+static volatile uint8_t edges, edges_seen; /* modulo 256; by the main loop */
 static volatile struct instant last_edge;
 static volatile bool armed;
 static volatile struct instant first_edge; /* of a contact while armed */
@@ -68,6 +68,8 @@ void __vector_captured(void) __attribute__((signal, used));
 void __vector_captured(void)
 {
     take_edge(clock_instant(ICR1));
+    if ((uint8_t)(edges - edges_seen) >= MOST_EDGES)
+        TIMSK1 &= ~_BV(ICIE1); /* until the main loop has seen them; the stop output is off for 20 ms */
 }
 
 /* 2 ms after the first edge. */
@@ -94,7 +96,6 @@ static bool level_lasts; /* for 20 ms if open, for 10 s if closed */
 static bool touched;     /* closed, and not open for 20 ms since */
 static bool opened;
 static uint16_t millivolts;
-static uint8_t edges_seen;
 static uint8_t samples_seen;
 
 void loop_start(void)
@@ -135,13 +136,14 @@ static void change_level(enum level to, tick_t since)
     }
 }
 
-/* A level that the A/D converter alone can see, or sees without an edge of the comparator, counts once it is steady. */
+/* A level that the A/D converter alone can see, or sees without an edge of the comparator, counts once it is steady.
+ * Closed and open are the comparator's too: a sample that is older than its last edge says nothing of them. */
 static void judge_sample(bool newer_than_edges, tick_t now)
 {
     static enum level candidate;
     static uint8_t run;
     enum level seen = level_of(millivolts);
-    if (!newer_than_edges) {
+    if (!newer_than_edges && (seen == LEVEL_CLOSED || seen == LEVEL_OPEN)) {
         run = 0;
         return;
     }
@@ -173,7 +175,7 @@ static void find_lost_edge(void)
 static void follow_comparator(void)
 {
     uint8_t edges_now;
-    bool closed;
+    bool closed, news;
     struct instant at;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
@@ -181,10 +183,12 @@ static void follow_comparator(void)
         closed = comparator_closed();
         at.overflows = last_edge.overflows;
         at.cycles = last_edge.cycles;
+        news = edges_now != edges_seen;
+        edges_seen = edges_now;
+        TIMSK1 |= _BV(ICIE1);
     }
-    if (edges_now == edges_seen)
+    if (!news)
         return;
-    edges_seen = edges_now;
     touched = true; /* even if it is open again: then it was closed in between */
     change_level(closed ? LEVEL_CLOSED : LEVEL_OPEN, clock_tick(at, CAPTURE_DELAY_CYCLES));
 }
