@@ -581,7 +581,16 @@ def test_a_probe_at_fault_is_no_probe_that_touches_nothing(bench):
     bench.run(script)
 
 
-@pytest.mark.parametrize("mv", [700, 4900])
+@pytest.mark.parametrize(("mv", "closed"), [(499, True), (1400, False), (2500, False)])
+def test_the_limits_of_closed_and_open_are_those_of_the_protocol(bench, mv, closed):
+    async def script(b):
+        b.fake.loop_mv = mv
+        assert await b.probe.touching() is closed
+
+    bench.run(script)
+
+
+@pytest.mark.parametrize("mv", [500, 1399, 2501, 4900])
 def test_a_loop_that_is_neither_open_nor_closed_is_no_loop_that_is_open(bench, mv):
     async def script(b):
         b.fake.loop_mv = mv
