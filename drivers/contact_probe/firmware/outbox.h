@@ -23,7 +23,7 @@ enum kind {
 
 struct message {
     enum kind kind;
-    uint8_t code;      /* FAULT, RE, BOOT, ID: see probe.c */
+    uint8_t code;      /* FAULT, RE: see probe.c */
     uint8_t confirmed; /* CONF */
     uint8_t bounces;   /* CONF */
     uint16_t host_seq; /* answers: of the command */
