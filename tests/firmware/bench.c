@@ -577,6 +577,8 @@ static void command(char *line) {
         printf("data ");
         while (b--) printf("%02x", avr->data[a++]);
         printf("\n");
+    } else if (!strncmp(line, "base", 4)) {
+        printf("base %" PRIu64 "\n", timer1->tov_base);
     } else if (sscanf(line, "poke %x %n", &a, &place) == 1 && place) {
         for (char *at = line + place; sscanf(at, "%2x", &b) == 1 && a <= avr->ramend; at += 2) avr->data[a++] = b;
     } else {

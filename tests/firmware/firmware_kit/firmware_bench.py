@@ -73,6 +73,11 @@ class Bench:
         self._command(f"peek {address:x} {count}")
         return bytes.fromhex(self._answer()[1])
 
+    def timer_base(self) -> int:
+        """The cycle at which Timer1 was 0 last."""
+        self._command("base")
+        return int(self._answer()[1])
+
     def write(self, address: int, data: bytes) -> None:
         """Write into the data space."""
         self._command(f"poke {address:x} {data.hex()}")
