@@ -41,9 +41,9 @@ static inline __attribute__((always_inline)) void take_edge(struct instant at)
     last_edge.cycles = at.cycles;
     edges++;
     if (counting) {
-        uint8_t count = bounces + 1;
-        if (count)
-            bounces = count;
+        uint8_t count = bounces;
+        if (count < UINT8_MAX)
+            bounces = count + 1;
     } else if (closing && armed) {
         armed = false;
         first_edge.overflows = at.overflows;
@@ -174,12 +174,11 @@ static void find_lost_edge(void)
 
 static void follow_comparator(void)
 {
-    uint8_t edges_now;
     bool closed, news;
     struct instant at;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
-        edges_now = edges;
+        uint8_t edges_now = edges;
         closed = comparator_closed();
         at.overflows = last_edge.overflows;
         at.cycles = last_edge.cycles;
