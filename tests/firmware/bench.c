@@ -203,7 +203,8 @@ static void write_low(avr_t *core, avr_io_addr_t address, uint8_t value, void *u
 
 // ---- UART (20): two-byte buffers, ten bits a byte ---------------------------------------------------------------------
 
-static uint8_t received[3];
+static uint16_t received[3];  // with FRAMING for a byte whose stop bit was not one
+#define FRAMING 0x100
 static uint8_t received_count;  // the third waits in the shift register
 static bool overrun, shifting, sending_full;
 static uint8_t sending_next;
@@ -241,7 +242,10 @@ static void next_from_host(void) {
 }
 
 static void receive(cycles when) {
-    uint8_t byte = wire[wire_out++ % sizeof wire];
+    uint16_t byte = wire[wire_out++ % sizeof wire];
+    // a bit of another length: the last sample is that of a wrong bit once it is half a bit off (20.8.3)
+    int64_t off = 19 * ((int64_t)host_bit_1000 - 1000 * (int64_t)bit_cycles());
+    if (llabs(off) > 1000 * (int64_t)bit_cycles()) byte = (byte ^ 0xFF) | FRAMING;
     batches[batches_out % QUEUE].count--;
     next_from_host();
     if (!(avr->data[UCSR0B_] & RXEN)) return;
@@ -253,6 +257,7 @@ static void receive(cycles when) {
         received[received_count++] = byte;
     }
     set_flag(RXC, true);
+    set_flag(FE, received[0] & FRAMING);
 }
 
 static void shift_out(cycles when, uint8_t byte) {
@@ -277,12 +282,13 @@ static uint8_t read_udr(avr_t *core, avr_io_addr_t address, void *unused) {
     (void)core, (void)address, (void)unused;
     uint8_t byte = received[0];
     if (received_count) {
-        memmove(received, received + 1, sizeof received - 1);
+        memmove(received, received + 1, sizeof received - sizeof *received);
         received_count--;
     }
     set_flag(DOR, overrun && received_count < 2);
     if (received_count < 2) overrun = false;
     set_flag(RXC, received_count > 0);
+    set_flag(FE, received_count > 0 && (received[0] & FRAMING));
     return byte;
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
@@ -30,3 +31,14 @@ def table(*modules: ModuleType) -> str:
                 file = (module.__file__ or "").rsplit("/", 1)[-1]
                 rows.append(f"| {text} | yes | {'yes' if both else '–'} | `{file}` `{name}` |")
     return "\n".join(rows) + "\n"
+
+
+README = Path(__file__).parent / "README.md"
+BEGIN, END = "<!-- rules -->\n", "<!-- end of rules -->\n"
+
+
+def with_table(text: str, *modules: ModuleType) -> str:
+    """The text of README.md with the table of these modules."""
+    before, rest = text.split(BEGIN)
+    _, after = rest.split(END)
+    return f"{before}{BEGIN}\n{table(*modules)}\n{END}{after}"

@@ -323,7 +323,8 @@ def test_a_short_opening_is_not_told(rig):
 
 @rule("`FAULT WIRE` within 5 ms, in any state")
 @pytest.mark.parametrize("state", ["DISARMED", "ARMED", "TRIPPED"])
-def test_a_broken_wire_is_told_within_five_milliseconds(rig, state):
+@pytest.mark.parametrize("busy", [False, True], ids=["line idle", "line busy"])
+def test_a_broken_wire_is_told_within_five_milliseconds(rig, state, busy):
     probe = rig()
     probe.wait(60)
     if state != "DISARMED":
@@ -331,6 +332,9 @@ def test_a_broken_wire_is_told_within_five_milliseconds(rig, state):
     if state == "TRIPPED":
         probe.level(CLOSED)
         probe.wait(30)
+    if busy:
+        probe.put(encode("HELLO", 40))  # its answer is the longest line
+        probe.wait(1)
     broken_ns = probe.now
     probe.level(BROKEN)
     probe.wait(10)
