@@ -24,24 +24,28 @@ class Edge:
     tick_us: float
 
 
-def edges(probe, count, *, busy=True):
-    """Contacts at random cycles; `busy`: while the host's line and the probe's are never idle."""
+def edges(probe, count, *, busy=True, place=None):
+    """Contacts at random cycles; `busy`: while the host's line and the probe's are never idle.
+
+    `place(number, earliest, zero)`: the cycle of each, after `earliest`; the timer counts from `zero`.
+    """
     probe.wait(60)
     probe.bench.watch(probe.EDGE_VECTOR)
     zero = probe.bench.timer_base() % 0x10000  # cycles from reset to the start of the count
     draw = random.Random(count)
     seq = iter(range(1, 60_000))
     found = []
-    for _ in range(count):
+    for number in range(count):
         assert probe.ask("ARM", next(seq)) == ["OK"]
         if busy:
             for _ in range(4):
                 probe.put(encode("SYNC", next(seq)) + encode("ACK", 59_999) * 12)
-        at_ns = probe.now + draw.randrange(2_000_000, 12_000_000)
-        cycle = probe.cycle(at_ns)
+        cycle = probe.cycle(probe.now) + draw.randrange(32_000, 192_000)
+        if place:
+            cycle = place(number, cycle, zero)
         before = len(probe.events)
-        probe.level(CLOSED, at_ns)
-        probe.wait(16)
+        probe.bench.level(cycle, CLOSED)
+        probe.wait(20)
         later = [event for event in probe.events[before:] if event.cycle >= cycle]
         stop = next(event.cycle for event in later if event.kind == "pin" and event.rest == f"{probe.OK} 0")
         entry = next(event.cycle for event in later if event.kind == "irq")
@@ -75,5 +79,17 @@ def test_the_edge_is_timed_to_a_tick(firmware, count):
     """The comparator is 0.5 µs late, which the firmware does not know; the count is cut to whole ticks of 0.5 µs."""
     errors = [edge.tick_us for edge in edges(firmware(), count, busy=False)]
     print(f"edge_tick: {min(errors):+.4f} … {max(errors):+.4f} µs, mean {sum(errors) / count:+.4f}")
+    assert max(errors) <= COMPARATOR_US
+    assert min(errors) > COMPARATOR_US - TICK_NS / 1e3
+
+
+def test_an_edge_at_the_timers_overflow_is_timed_right(firmware):
+    """The count's 16 bits overflow every 4.096 ms; the capture's interrupt may come before or after the overflow's."""
+    offsets = range(-60, 61, 3)
+
+    def place(number, earliest, zero):
+        return earliest + (zero - earliest) % 0x10000 + offsets[number]
+
+    errors = [edge.tick_us for edge in edges(firmware(), len(offsets), busy=False, place=place)]
     assert max(errors) <= COMPARATOR_US
     assert min(errors) > COMPARATOR_US - TICK_NS / 1e3
