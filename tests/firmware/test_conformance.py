@@ -321,6 +321,21 @@ def test_the_end_of_a_contact_is_told_after_twenty_milliseconds(rig, hold_ms):
     assert 20 * MS <= line.start_ns - opened_ns <= 20 * MS + 4 * MS  # behind a line of up to 3 ms
 
 
+@rule("An opening above the comparator's threshold is timed by its edge, also from an undefined voltage")
+def test_the_opening_from_an_undefined_voltage_has_the_time_of_its_edge(rig):
+    probe = rig()
+    probe.wait(60)
+    zero_ns = probe.sent[0].start_ns - probe.sent[0].line.tick * TICK_NS
+    for number in range(6):
+        probe.level(800)
+        probe.wait(20 + number * 0.017)
+        opened_ns = probe.now
+        probe.level(OPEN)
+        probe.wait(40)
+        line = probe.once("OPEN")[number]
+        assert abs(line.line.message.edge_tick * TICK_NS + zero_ns - opened_ns) <= EDGE_WITHIN_NS
+
+
 @rule("A contact that opens for less than 20 ms is still one")
 def test_a_short_opening_is_not_told(rig):
     probe = rig().armed()

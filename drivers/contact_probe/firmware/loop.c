@@ -137,16 +137,20 @@ static void change_level(enum level to, tick_t since)
 }
 
 /* A level that the A/D converter alone can see, or sees without an edge of the comparator, counts once it is steady.
- * Closed and open are the comparator's too: a sample that is older than its last edge says nothing of them. */
+ * The sample that is older than the comparator's last edge says nothing. If the comparator chatters, each is: then those
+ * count that are neither closed nor open, which are the comparator's. */
 static void judge_sample(bool newer_than_edges, tick_t now)
 {
     static enum level candidate;
     static uint8_t run;
+    static bool older_before; /* the sample before was older than an edge, too */
     enum level seen = level_of(millivolts);
-    if (!newer_than_edges && (seen == LEVEL_CLOSED || seen == LEVEL_OPEN)) {
+    if (!newer_than_edges && (!older_before || seen == LEVEL_CLOSED || seen == LEVEL_OPEN)) {
+        older_before = true;
         run = 0;
         return;
     }
+    older_before = !newer_than_edges;
     run = run == 0 || seen != candidate ? 1 : run + 1;
     candidate = seen;
     if (run < STEADY_SAMPLES)
