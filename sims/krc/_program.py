@@ -22,9 +22,10 @@ LEAST_PERCENT = 0.01
 """Slower, a move would take days: to the PC it looks as if it never ended."""
 
 EMERGENCY_STOP = "KSS00001 EMERGENCY STOP"
-GUARD_OPEN = "Safety gate open"
-NO_ENABLE = "Motion enable is missing"
-"""Messages as a controller shows them; the numbers of the last two [unconfirmed] are left out."""
+GUARD_OPEN = "KSS00207 Operator safety / safety fence open"
+NO_ENABLE = "KSS00203 General motion enable"
+COLLISION = "KSS00117 Collision detection: the tool has struck an obstacle"
+"""Messages as a controller shows them."""
 
 NEAR_DEG = 0.01
 """An own program begins where the robot stands, as near as this."""
@@ -85,7 +86,7 @@ class Program:
         rsi.faults.on_start("robot.stop", lambda: self.fail(EMERGENCY_STOP))
         rsi.faults.on_start("rsi.restart", self._restart_rsi)
         safety.subscribe(self._safety_changed)
-        self._robot.on_collision = lambda: self.fail("KSS15065 Collision detection: the tool has struck an obstacle")
+        self._robot.on_collision = lambda: self.fail(COLLISION)
 
     def connected(self, send: Send) -> None:
         """A PC has connected; the state is its greeting."""

@@ -186,6 +186,8 @@ class AxisCorrection:
 MS = 1_000_000
 LATE = "KSS29002 Signal flow (running): Object ETHERNET1 returns error RSIBad"
 OVERALL = "KSS29000 AXISCORR Permissible overall correction exceeded: RSI is stopped"
+PAST_LIMIT = "KSS01211 STOP due to software limit switch"
+"""Direction and axis follow, -A1."""
 
 
 @final
@@ -237,7 +239,7 @@ class RsiContext:
         """The message of an axis past its software limit, or nothing."""
         for i, (angle, (low, high)) in enumerate(zip(joints, self.limits, strict=True), 1):
             if not low <= angle <= high:
-                return f"Software limit switch {'-' if angle < low else '+'}A{i} passed"
+                return f"{PAST_LIMIT} {'-' if angle < low else '+'}A{i}"
         return ""
 
 

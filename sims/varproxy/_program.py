@@ -19,6 +19,11 @@ DONE, NOT_READY, OUTSIDE_LIMIT, BAD_SPEED, BAD_CHECK, STOPPED, NO_SUCH_ROW = 0, 
 
 MOST_PERCENT = 100
 
+EMERGENCY_STOP = "KSS00001 EMERGENCY STOP"
+GUARD_OPEN = "KSS00207 Operator safety / safety fence open"
+NO_ENABLE = "KSS00203 General motion enable"
+COLLISION = "KSS00117 Collision detection: the tool has struck an obstacle"
+
 
 @final
 class Timer:
@@ -47,7 +52,7 @@ class Timer:
 
 @final
 class KvpProgram:
-    """Takes a job when `KV_GO` has a new number; stops at the flag, when the timer passes zero, and at a message.
+    """Takes a job when `KV_GO` has a new number; stops at the flag, when the timer reaches zero, and at a message.
 
     `message`: stands until it is acknowledged; then the program is started again, as somebody does it at the pendant.
     """
@@ -71,9 +76,9 @@ class KvpProgram:
         self._braking = False
         self._silence: Event | None = None
         data.go.changed = self._given
-        faults.on_start("varproxy.stop", lambda: self.fail("KSS00001 EMERGENCY STOP"))
+        faults.on_start("varproxy.stop", lambda: self.fail(EMERGENCY_STOP))
         scene.safety.subscribe(self._safety_changed)
-        scene.arm.on_collision = lambda: self.fail("KSS15065 Collision detection: the tool has struck an obstacle")
+        scene.arm.on_collision = lambda: self.fail(COLLISION)
 
     @property
     def stands(self) -> bool:
@@ -96,12 +101,12 @@ class KvpProgram:
             self._stop()
 
     def timer_changed(self) -> None:
-        """The watch over the computer was set again: when it passes zero, the job is stopped."""
+        """The watch over the computer was set again: when it reaches zero, the job is stopped."""
         if self._silence:
             self._silence.cancel()
         timer = self.timer(TIMER)
         if not timer.stopped:
-            self._silence = self._kernel.after((1 - timer.value_ms) * MS, self._stop)
+            self._silence = self._kernel.after(max(0, -timer.value_ms) * MS, self._stop)
 
     def fail(self, message: str) -> None:
         """The controller stops by itself and shows a message."""
@@ -146,13 +151,13 @@ class KvpProgram:
         if any(not low <= angle <= high for angle, (low, high) in zip(target, self.limits, strict=True)):
             return OUTSIDE_LIMIT
         timer = self.timer(TIMER)
-        return STOPPED if FLAG in self.flags or timer.stopped or timer.value_ms > 0 else DONE
+        return STOPPED if FLAG in self.flags or timer.stopped or timer.value_ms >= 0 else DONE
 
     def _safety_changed(self) -> None:
         if not self._scene.safety.ok:
-            self.fail("KSS00001 EMERGENCY STOP" if not self._scene.safety.emergency_stop_ok else "Safety gate open")
+            self.fail(EMERGENCY_STOP if not self._scene.safety.emergency_stop_ok else GUARD_OPEN)
         elif not self._scene.safety.motion_enabled and self._job:
-            self.fail("Motion enable is missing")
+            self.fail(NO_ENABLE)
 
     def _stop(self) -> None:
         """The interrupt: brake, and give the job up."""

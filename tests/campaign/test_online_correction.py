@@ -210,7 +210,7 @@ def test_after_a_message_of_the_controller_it_is_off_and_can_be_switched_on_agai
             await bench.simulated.tell({"op": "fault", "fault": "safety.guard_open", "for_ms": 500})
             await bench.clock.sleep(1)
             assert robot.correction_id() == ""
-            with pytest.raises(DeviceFault, match=r"Safety gate open; the on-line correction is off"):
+            with pytest.raises(DeviceFault, match=r"safety fence open; the on-line correction is off"):
                 await robot.correction_off()
             with pytest.raises(DeviceRefused, match="no on-line correction is on"):
                 await robot.correction_off()

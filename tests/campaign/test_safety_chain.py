@@ -34,7 +34,7 @@ def watched(folder: Path, interlocks: str = INTERLOCKS) -> Path:
     ("fault", "interlock", "message"),
     [
         ("safety.emergency_stop", "emergency_stop", "KSS00001 EMERGENCY STOP"),
-        ("safety.guard_open", "guard", "Safety gate open"),
+        ("safety.guard_open", "guard", "KSS00207 Operator safety / safety fence open"),
     ],
 )
 def test_the_arm_stops_and_the_interlock_aborts_the_run(tmp_path, fault, interlock, message, when):

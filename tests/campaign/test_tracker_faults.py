@@ -105,7 +105,7 @@ def test_a_reflector_that_is_lost_while_the_table_is_proved_takes_the_table_back
 
 BOTH = [
     ("emergency_stop", "emergency_stop", "KSS00001 EMERGENCY STOP"),
-    pytest.param("guard_open", "guard", "Safety gate open", marks=pytest.mark.long),
+    pytest.param("guard_open", "guard", "KSS00207 Operator safety / safety fence open", marks=pytest.mark.long),
 ]
 
 

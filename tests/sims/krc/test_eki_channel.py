@@ -203,7 +203,7 @@ def test_a_transfer_through_a_sphere_ends_in_a_collision_message(bench):
     inside = pose_towards(pc.world(), sphere.centre)
     _, code, _, text = pc.ptp(inside, 10.0)
     assert code == 31
-    assert "KSS15065" in text
+    assert "KSS00117" in text
     assert "ollision" in text
     assert pc.changes[0][1] is True
     assert pc.command("RESET")[1] == 0

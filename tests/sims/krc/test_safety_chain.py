@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 FAR = (60.0, -90.0, 90.0, 0.0, 45.0, 0.0)
-EMERGENCY, GUARD, ENABLE = "KSS00001 EMERGENCY STOP", "Safety gate open", "Motion enable is missing"
+EMERGENCY, GUARD = "KSS00001 EMERGENCY STOP", "KSS00207 Operator safety / safety fence open"
+ENABLE = "KSS00203 General motion enable"
 CHAIN = pytest.mark.parametrize(
     ("fault", "message"), [("safety.emergency_stop", EMERGENCY), ("safety.guard_open", GUARD)]
 )

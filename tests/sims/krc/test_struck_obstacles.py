@@ -22,8 +22,8 @@ def test_a_transfer_into_the_plate_is_a_collision_and_the_way_back_is_free(bench
     pc = bench(cell=on_plate(bench, 100.0))
     number, code, joints, text = pc.ptp(LOW, percent=5.0)
     assert (number, code) == ("1", 31)
-    assert "KSS15065" in text
-    assert 'Prog="ERROR"' in pc.state(["KSS15065", "ERROR"])
+    assert "KSS00117" in text
+    assert 'Prog="ERROR"' in pc.state(["KSS00117", "ERROR"])
     assert -8.0 < pc.world().free(joints) < 0.0
     assert pc.ptp(LOW)[1] == 12
     assert pc.command("RESET")[1] == 0
@@ -44,5 +44,5 @@ def test_a_search_into_the_plate_is_a_collision(bench):
     pc.rsi_on()
     number, code, joints, text = pc.until_reply(lambda i: (0.0, 0.004 * i, 0.0, 0.0, 0.0, 0.0))
     assert (number, code) == ("7", 31)
-    assert "KSS15065" in text
+    assert "KSS00117" in text
     assert -3.0 < pc.world().free(joints) < 0.0
