@@ -1,7 +1,7 @@
 """What the instrument sees: directions and readings in both faces, tilt, air, targets of the scene and their faults.
 
-Leica TPS1200 user manual, atmospheric corrections: reference atmosphere 12 °C, 1013.25 hPa, 60 %, carrier 658–850 nm:
-ppm = 281.8 − (0.29065 p − 4.126e-4 · h · 10^x) / (1 + t / 273.15), x = 7.5 t / (237.3 + t) + 0.7857.
+Leica TM30/TS30 User Manual, p. 76, visible red laser; reference atmosphere 12 °C, 1013.25 hPa, 60 %:
+ppm = 286.34 − (0.29525 p − 4.126e-4 · h · 10^x) / (1 + t / 273.15), x = 7.5 t / (237.3 + t) + 0.7857.
 
 Instrument frame: right-handed, mm; x at Hz = 90°, y at Hz = 0, z along the standing axis. Hz grows clockwise seen from
 above, V is counted from the zenith (protocols.md 2.3): x = D sin V sin Hz, y = D sin V cos Hz, z = D cos V.
@@ -29,7 +29,7 @@ def saturation_hpa(air_c: float) -> float:
 
 def ppm_of_air(air_c: float, pressure_hpa: float, vapour_hpa: float) -> float:
     """Part of a distance, in millionths, that must be added to what the instrument measures in this air."""
-    return 281.8 - (0.29065 * pressure_hpa - 4.126e-2 * vapour_hpa) / (1 + air_c / 273.15)
+    return 286.34 - (0.29525 * pressure_hpa - 4.126e-2 * vapour_hpa) / (1 + air_c / 273.15)
 
 
 def vapour_of_humidity(air_c: float, humidity_percent: float) -> float:
