@@ -28,6 +28,9 @@ _LENGTHS = struct.Struct(">HH")
 _TEXT = struct.Struct(">H")
 _LEAST = 1 + _FOOTER.size
 
+UNKNOWN, NOT_IMPLEMENTED = -1, 7
+"""Type and code of the answer of length 0 that KUKAVARPROXY gives to a type that it does not know."""
+
 ANSWER_S = 5.0
 """Longest wait for an answer, in the cell's time. A variable takes several ms."""
 
@@ -125,6 +128,10 @@ class AnswerStream:
         answers = []
         while len(self._buffer) >= _LENGTHS.size:
             number, length = _LENGTHS.unpack_from(self._buffer)
+            if length == 0:
+                answers.append(Answer(number, UNKNOWN, b"", NOT_IMPLEMENTED, ok=False))
+                self._buffer = self._buffer[_LENGTHS.size :]
+                continue
             if length < _LEAST:
                 raise ValueError(f"an answer of {length} bytes is announced; the shortest has {_LEAST}")
             end = _LENGTHS.size + length
@@ -209,7 +216,8 @@ class ProxyLine:
     def _take(self, answer: Answer) -> None:
         """Give the answer to its request. Raises ValueError if there is no such request: the line is out of step."""
         kind, future = self._pending.get(answer.id, (None, None))
-        if future is None or answer.kind != kind:
+        files_unknown = answer.kind == UNKNOWN and kind in (Kind.FILE_WRITE, Kind.FILE_READ)
+        if future is None or (answer.kind != kind and not files_unknown):
             raise ValueError(f"an answer came to message {answer.id} of type {answer.kind}, which was not asked")
         del self._pending[answer.id]
         if not future.done():

@@ -154,9 +154,10 @@ class Variables:
     async def read(self, name: str) -> str:
         """The value of a variable."""
         answer = await self._line.ask(Kind.READ, self._field(name))
-        if not answer.ok:
+        text = self._text(name, answer) if answer.ok else ""
+        if not text:  # KUKAVARPROXY reads an unknown variable as an empty value, successfully
             raise DeviceRefused(self._device, f"the proxy cannot read {name} (code {answer.code})", _CURE)
-        return self._text(name, answer)
+        return text
 
     async def write(self, name: str, value: str) -> None:
         """Write a variable. That it was taken is the proxy's word only; see `write_verified`."""

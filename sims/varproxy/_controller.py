@@ -13,7 +13,6 @@ from sims.varproxy._names import C3, ROW
 from sims.varproxy._program import KvpProgram
 from sims.varproxy._proxy import (
     GENERAL,
-    NOT_IMPLEMENTED,
     PROTOCOL,
     READ,
     WRITE,
@@ -77,38 +76,43 @@ class KvpController:
             self.data.table.values[index] = {**row, "C6": row["C6"] + 1}
 
     def _answer(self, request: _proxy.Request, files: FileDesk) -> bytes:
-        fields = Fields(request.body)
+        number, kind, fields = request.number, request.kind, Fields(request.body)
+        if kind in (READ_VARIABLE, WRITE_VARIABLE):
+            return self._variable(number, kind, fields)
+        if not self._c3:
+            return _proxy.no_message(number)
+        if kind not in (WRITE, READ):
+            return b""
         try:
-            code, body = self._done(request.kind, fields, files)
+            code, body = files.write(fields) if kind == WRITE else files.read(fields)
         except BadRequest:
             code, body = PROTOCOL, b""
-        return _proxy.answer(request.number, request.kind, body, code)
+        return _proxy.answer(number, kind, body, code)
 
-    def _done(self, kind: int, fields: Fields, files: FileDesk) -> tuple[int, bytes]:
-        if kind in (READ_VARIABLE, WRITE_VARIABLE):
-            name = fields.text()
-            value = fields.text() if kind == WRITE_VARIABLE else None
-            return self._variable(name, value)
-        if self._c3 and kind == WRITE:
-            return files.write(fields)
-        if self._c3 and kind == READ:
-            return files.read(fields)
-        return (NOT_IMPLEMENTED if self._c3 else GENERAL), b""
+    def _variable(self, number: int, kind: int, fields: Fields) -> bytes:
+        """What fails has no text and code 0 of the C3 Bridge.
 
-    def _variable(self, name: str, value: str | None) -> tuple[int, bytes]:
-        """Code and text. What fails has no text."""
+        KUKAVARPROXY always has code 1: a variable that it cannot read is empty, as if it had been read; one that it
+        cannot write is echoed, FALSE at the end.
+        """
+        value = ""
         try:
-            if value is not None:
+            name = fields.text()
+            if kind == READ_VARIABLE:
+                value = self._own(name) or self.variables.read(name)
+            else:
+                value = fields.text()
                 self.variables.write(name, value)
-                return _proxy.SUCCESS, _proxy.text(value)
-            return _proxy.SUCCESS, _proxy.text(self._own(name) or self.variables.read(name))
-        except NoVariable:
-            return GENERAL, _proxy.text("")
+        except (BadRequest, NoVariable):
+            if self._c3:
+                return _proxy.answer(number, kind, _proxy.text(""), GENERAL)
+            return _proxy.answer(number, kind, _proxy.text(value), ok=kind == READ_VARIABLE)
+        return _proxy.answer(number, kind, _proxy.text(value))
 
     def _own(self, name: str) -> str:
-        """Variables of the C3 Bridge itself, which the controller does not know."""
-        known = {"PING": "PONG", "@PROXY_TYPE": "C3 BRIDGE INTERFACE", "@PROXY_VERSION": "1.6 (OPEN SOURCE)"}
-        return known.get(name, "") if self._c3 else ""
+        """Variables of the proxy itself, which the controller does not know."""
+        known = {"@PROXY_TYPE": "C3 BRIDGE INTERFACE", "@PROXY_VERSION": "1.6 (OPEN SOURCE)"} if self._c3 else {}
+        return {"PING": "PONG", **known}.get(name, "")
 
     def _system(self) -> dict[str, Variable]:
         setup, program = self._setup, self.program
@@ -145,7 +149,7 @@ class KvpController:
             "$FLAG": System(lambda index: truth.shown(index[0] in program.flags), set_flag, FLAGS),
             "$TIMER": System(lambda index: str(program.timer(index[0]).value_ms), set_timer, TIMERS),
             "$TIMER_STOP": System(lambda index: truth.shown(program.timer(index[0]).stopped), stop_timer, TIMERS),
-            "$TIMER_FLAG": System(lambda index: truth.shown(program.timer(index[0]).value_ms > 0), size=TIMERS),
+            "$TIMER_FLAG": System(lambda index: truth.shown(program.timer(index[0]).value_ms >= 0), size=TIMERS),
         }
 
 

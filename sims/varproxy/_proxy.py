@@ -12,7 +12,7 @@ from sims.faults import Faults
 from sims.simulator import Setup
 from sims.wires import Client, TcpServer
 
-GENERAL, SUCCESS, ACCESS, NOT_IMPLEMENTED, PROTOCOL = 0, 1, 2, 7, 9
+GENERAL, SUCCESS, ACCESS, MEMORY, NOT_IMPLEMENTED, PROTOCOL = 0, 1, 2, 4, 7, 9
 """Error codes of an answer's footer."""
 
 
@@ -89,14 +89,19 @@ def text(value: str) -> bytes:
     return len(data).to_bytes(2, "big") + data
 
 
-def answer(number: int, kind: int, body: bytes, code: int = SUCCESS) -> bytes:
-    """A whole answer; TRUE at its end where it succeeded."""
-    message = bytes([kind]) + body + code.to_bytes(2, "big") + bytes([code == SUCCESS])
+def answer(number: int, kind: int, body: bytes, code: int = SUCCESS, *, ok: bool | None = None) -> bytes:
+    """A whole answer; TRUE at its end where it succeeded. `ok`: where that is not what the code says."""
+    message = bytes([kind]) + body + code.to_bytes(2, "big") + bytes([code == SUCCESS if ok is None else ok])
     return number.to_bytes(2, "big") + len(message).to_bytes(2, "big") + message
 
 
+def no_message(number: int) -> bytes:
+    """KUKAVARPROXY's answer to a type that it does not know: a length of 0."""
+    return number.to_bytes(2, "big") + bytes(2)
+
+
 WRITE, READ = 29, 30
-LARGEST_CHUNK = 60_000
+LARGEST_CHUNK = 64_512
 LARGEST_FILE = 1 << 24
 
 _BEGIN, _DATA, _SIZE, _END = 1, 2, 3, 4
@@ -118,7 +123,7 @@ class FileDesk:
         if operation == _BEGIN:
             size = fields.number(4)
             if size > LARGEST_FILE:
-                return GENERAL, bytes([operation]) + _four(0)
+                return MEMORY, bytes([operation]) + _four(0)
             self._out = bytearray(size)
             return SUCCESS, bytes([operation]) + _four(size)
         if operation == _SIZE:
@@ -126,8 +131,12 @@ class FileDesk:
         if operation == _DATA:
             at, size = fields.number(4), fields.number(4)
             size = max(0, min(size, len(self._out) - at))
-            self._out[at : at + size] = fields.take(size)
-            return SUCCESS, bytes([operation]) + _four(at) + _four(size)
+            done = bytes([operation]) + _four(at) + _four(size)
+            try:
+                self._out[at : at + size] = fields.take(size)
+            except BadRequest:
+                return ACCESS, done
+            return SUCCESS, done
         if operation == _END:
             flags, path = fields.number(4), fields.wide_text().upper()
             if path in self._files and not flags & _OVERWRITE:
@@ -162,6 +171,7 @@ def _four(value: int) -> bytes:
 
 
 Answering = Callable[[Request, FileDesk], bytes]
+"""The answer to a request; empty: the server hangs up."""
 
 
 @final
@@ -217,10 +227,13 @@ class ProxyServer:
         if not talk.client.open:
             return
         data = self._answering(request, talk.files)
+        if not data:
+            talk.client.close()
+            return
         if self._faults.active("varproxy.wrong_id"):
             data = ((request.number + 1) % 65536).to_bytes(2, "big") + data[2:]
         if self._faults.active("varproxy.garbage"):
-            data = b"\x00\x01\x00\x00 no message"
+            data = b"\x00\x01\x00\x03 no message"
         if self._cut:
             self._cut = False
             talk.client.send(data[: len(data) // 2])

@@ -61,10 +61,11 @@ def test_a_variable_is_read_also_when_its_answer_comes_byte_by_byte():
     [
         (b"\x00\x02" + GOOD[2:], "message 2 of type 0, which was not asked"),
         (GOOD[:4] + b"\x01" + GOOD[5:], "message 1 of type 1, which was not asked"),
-        (b"\x00\x01\x00\x00garbage", "shortest"),
+        (b"\x00\x01\x00\x03garbage", "shortest"),
+        (b"\x00\x01\x00\x00", "which was not asked"),
         (GOOD[:7], "closed the connection"),
     ],
-    ids=["wrong id", "wrong type", "garbage", "cut in mid-message"],
+    ids=["wrong id", "wrong type", "garbage", "no message", "cut in mid-message"],
 )
 def test_an_answer_in_doubt_ends_the_connection_and_the_cure_is_said(answer, said):
     with pytest.raises(DeviceLost, match=said) as caught:
@@ -87,6 +88,11 @@ def test_a_variable_that_the_proxy_cannot_read_is_refused_with_a_cure():
     with pytest.raises(DeviceRefused, match=r"cannot read KV_GO \(code 0\)") as caught:
         read(b"\x00\x01\x00\x06\x00\x00\x00\x00\x00\x00", name="KV_GO")
     assert "cellctl krl" in caught.value.cure
+
+
+def test_an_empty_value_is_a_variable_that_there_is_not_whatever_the_proxy_says_of_success():
+    with pytest.raises(DeviceRefused, match=r"cannot read KV_GO"):
+        read(b"\x00\x01\x00\x06\x00\x00\x00\x00\x01\x01", name="KV_GO")
 
 
 def test_a_value_of_another_type_is_a_fault():

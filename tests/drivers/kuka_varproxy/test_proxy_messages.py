@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.kuka_varproxy import variables
-from drivers.kuka_varproxy.line import Answer, AnswerStream, Kind, request, text_field, wide_field
+from drivers.kuka_varproxy.line import UNKNOWN, Answer, AnswerStream, Kind, request, text_field, wide_field
 
 PUBLISHED_ANSWER = bytes.fromhex("0100 0008 05 0001 3500 0001 01")
 """C3 Bridge Interface Protocol 1.5, section 3.5.6: the answer to writing 5 to $OV_PRO."""
@@ -47,7 +47,12 @@ def test_answers_come_out_however_tcp_splits_them(payloads, data):
 
 def test_a_length_that_no_answer_has_is_an_error():
     with pytest.raises(ValueError, match="shortest"):
-        AnswerStream().feed(b"\x00\x01\x00\x00 no message")
+        AnswerStream().feed(b"\x00\x01\x00\x03 no message")
+
+
+def test_a_length_of_zero_is_the_answer_to_a_type_that_the_proxy_does_not_know():
+    (answer,) = AnswerStream().feed(b"\x00\x01\x00\x00")
+    assert (answer.id, answer.kind, answer.ok) == (1, UNKNOWN, False)
 
 
 def test_a_text_of_another_length_than_announced_is_an_error():

@@ -73,15 +73,39 @@ def test_a_file_is_written_and_read_in_parts(bench):
     assert one.ask(30, b"\x01" + four[0] + b"\x00\x01X\x00")[1:] == (0, False)
 
 
-def test_kukavarproxy_refuses_files_and_variables_of_the_bridge(bench):
+def test_kukavarproxy_has_no_files_and_none_of_the_bridges_variables(bench):
     one = bench(proxy="kukavarproxy")
-    assert one.read("@PROXY_TYPE") is None
-    assert not one.ask(29, b"\x01\x00\x00\x00\x05")[2]
-    assert bench().read("@PROXY_TYPE") == "C3 BRIDGE INTERFACE"
+    assert one.read("PING") == "PONG"
+    assert one.read("@PROXY_TYPE") == ""
+    one.client.sendall(b"\x00\x07\x00\x06\x1d\x01\x00\x00\x00\x05")
+    assert one.received(one.client, 4) == b"\x00\x07\x00\x00"
 
 
-def test_a_request_shorter_than_it_says_is_a_protocol_error(bench):
-    assert bench().ask(0, b"\x00\x09short")[1:] == (9, False)
+def test_kukavarproxy_reads_what_there_is_not_as_an_empty_value_and_echoes_what_it_cannot_write(bench):
+    one = bench(proxy="kukavarproxy")
+    one.client.sendall(b"\x00\x02\x00\x0a\x00\x00\x07$NOBODY")
+    assert one.received(one.client, 10) == b"\x00\x02\x00\x06\x00\x00\x00\x00\x01\x01"
+    one.client.sendall(b"\x00\x03\x00\x10\x01\x00\x08$MODE_OP\x00\x03#T1")
+    assert one.received(one.client, 13) == b"\x00\x03\x00\x09\x01\x00\x03#T1\x00\x01\x00"
+
+
+def test_the_bridge_has_variables_of_its_own_and_hangs_up_at_a_type_that_it_does_not_know(bench):
+    one = bench()
+    assert [one.read(name) for name in ("PING", "@PROXY_TYPE")] == ["PONG", "C3 BRIDGE INTERFACE"]
+    assert one.read("@PROXY_VERSION").endswith("(OPEN SOURCE)")
+    one.client.sendall(b"\x00\x01\x00\x01\x02")
+    assert one.received(one.client, 1) == b""
+
+
+def test_a_request_shorter_than_it_says_is_refused_with_the_code_of_its_type(bench):
+    one = bench()
+    assert one.ask(0, b"\x00\x09short") == (b"\x00\x00", 0, False)
+    assert one.ask(30, b"\x02\x00")[1:] == (9, False)
+    four = [n.to_bytes(4, "big") for n in range(9)]
+    assert one.ask(29, b"\x01" + four[5])[1:] == (1, True)
+    assert one.ask(29, b"\x02" + four[0] + four[3] + b"a") == (b"\x02" + four[0] + four[3], 2, False)
+    assert one.ask(29, b"\x05")[1:] == (7, False)
+    assert one.ask(29, b"\x01\x01\x00\x00\x01")[1:] == (4, False)
 
 
 def test_a_length_of_zero_ends_the_connection(bench):
@@ -113,7 +137,7 @@ def test_faults_of_the_line(bench):
     assert one.read("$STOPMESS") == "FALSE"
     one.fault("varproxy.garbage", for_ms=30)
     one.client.sendall(b"\x00\x01\x00\x0c\x00\x00\x09$STOPMESS")
-    assert one.received(one.client, 15) == b"\x00\x01\x00\x00 no message"
+    assert one.received(one.client, 15) == b"\x00\x01\x00\x03 no message"
     one.let_pass(0.1)
     one.fault("varproxy.unloaded", for_ms=50)
     assert one.read("KV_GO") is None
