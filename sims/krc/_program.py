@@ -25,6 +25,7 @@ EMERGENCY_STOP = "KSS00001 EMERGENCY STOP"
 GUARD_OPEN = "KSS00207 Operator safety / safety fence open"
 NO_ENABLE = "KSS00203 General motion enable"
 COLLISION = "KSS00117 Collision detection: the tool has struck an obstacle"
+NO_PC = "RSI_CREATE General error: ETHERNET1"
 """Messages as a controller shows them."""
 
 NEAR_DEG = 0.01
@@ -242,7 +243,7 @@ class Program:
         """RSI_ON without RSI_MOVECORR: from now on it corrects what the program does."""
         self._rsi_on = None
         if not self._rsi.link.has_target:
-            self.fail("RSI_CREATE General error: ETHERNET1")
+            self.fail(NO_PC)
             return
         self._path = PathCorrection(self._rsi, self.fail)
         self._arrived()
@@ -289,7 +290,7 @@ class Program:
         if not running:  # cannot be: HALT takes the event back
             return
         if not self._rsi.link.has_target:
-            self.fail("RSI_CREATE General error: ETHERNET1")
+            self.fail(NO_PC)
             return
         self._log.begin(self._faults.announce(SEARCH), self._robot.attempt)
         self._session = RsiSession(self._rsi, self._rsi_ended)

@@ -68,6 +68,11 @@ KR5; a step of 0.25° in a cycle of 4 ms (15 600 deg/s²) is 8.7 of A6's, the fa
 """
 
 
+VELOCITY = "KSS01102 Command velocity"
+ACCELERATION = "Command acceleration"
+"""Messages; the axis follows. The number of the second one [unconfirmed] is left out."""
+
+
 @final
 class DriveMonitor:
     """Differences of the set-point from cycle to cycle against the axes' limits. `max_speeds` in deg/s.
@@ -86,9 +91,9 @@ class DriveMonitor:
         speeds = [abs(c - b) / h for b, c in zip(before, now, strict=True)]
         accelerations = [abs(c - 2.0 * b + a) / h**2 for a, b, c in zip(earlier, before, now, strict=True)]
         if axis := _first_above(speeds, self._speeds):
-            return f"KSS01102 Command velocity A{axis}"
+            return f"{VELOCITY} A{axis}"
         if axis := _first_above(accelerations, self._accelerations):
-            return f"Command acceleration A{axis}"  # its number [unconfirmed] is left out
+            return f"{ACCELERATION} A{axis}"
         return ""
 
 

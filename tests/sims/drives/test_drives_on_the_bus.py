@@ -29,13 +29,28 @@ def test_a_node_shows_its_identity_and_rated_values(bench):
     assert bench.read(2, 0x6075) == round(1e3 * rated[1])
     assert bench.read(2, 0x6076) == round(400.0 * rated[1])
     assert bench.read(2, 0x1018, 4) == 1002
-    ((_, answer),) = bench.ask(0x602, 0x40, 0x08, 0x10, 0, 0, 0, 0, 0)  # longer than four bytes: in segments
+    assert text_of(bench, 0x1008) == b"SIM CiA 402 drive"
+    assert text_of(bench, 0x100A) == b"SIM 1.0"
+
+
+def text_of(bench, index):
+    """An object of node 2 that is longer than four bytes: it comes in segments."""
+    ((_, answer),) = bench.ask(0x602, 0x40, index & 0xFF, index >> 8, 0, 0, 0, 0, 0)
     size = int.from_bytes(answer[4:8], "little")
     text, toggle = b"", 0
     while len(text) < size:
         ((_, segment),) = bench.ask(0x602, 0x60 | toggle, 0, 0, 0, 0, 0, 0, 0)
         text, toggle = text + segment[1 : 8 - (segment[0] >> 1 & 7)], toggle ^ 0x10
-    assert text == b"SIM CiA 402 drive"
+    return text
+
+
+def test_a_node_is_delivered_with_the_statusword_in_its_first_pdo_and_the_second_off(bench):
+    assert bench.read(2, 0x1400, 1) == 0x202
+    assert bench.read(2, 0x1600, 1) == 0x60400010
+    assert (bench.read(2, 0x1800, 1), bench.read(2, 0x1800, 2)) == (0x182, 1)
+    assert (bench.read(2, 0x1A00), bench.read(2, 0x1A00, 1)) == (1, 0x60410010)
+    assert bench.read(2, 0x1801, 1) == 0x80000282
+    assert (bench.read(2, 0x1A01), bench.read(2, 0x1A01, 1)) == (1, 0x60410010)
 
 
 def test_an_sdo_transfer_takes_no_time_of_the_cell(bench):
@@ -165,11 +180,11 @@ def test_heartbeats_come_in_the_cells_time_and_show_the_state(bench):
 def test_a_fault_is_sent_as_emcy_and_ends_with_its_reset(bench):
     bench.faults.schedule(read_fault({"fault": "drives.emcy", "node": 3, "code": 0x4310}))
     assert bench.run() == [(0x083, b"\x10\x43\x01\0\0\0\0\0")]
-    assert bench.read(3, 0x603F) == 0x4310
+    assert (bench.read(3, 0x603F), bench.read(3, 0x1001)) == (0x4310, 1)
     assert bench.read(3, 0x6041) & 0x4F == 0x08
     bench.send(0x603, 0x2B, 0x40, 0x60, 0, 0x80, 0, 0, 0)
     assert (0x083, bytes(8)) in bench.run()
-    assert bench.read(3, 0x603F) == 0
+    assert (bench.read(3, 0x603F), bench.read(3, 0x1001)) == (0, 0)
 
 
 def test_a_silent_drive_sends_nothing_the_others_go_on(bench):

@@ -18,8 +18,14 @@ def test_the_instrument_says_that_it_is_simulated(line):
     assert line.say("%R1Q,110,3:\r\n") == ["%R1P,0,3:0,4,20,0"]
 
 
+def test_its_board_is_warmer_than_the_air_and_its_supply_is_full(line):
+    air_c = line.station.instrument.sight.air_c()
+    assert line.ask(5011) == (0, [pytest.approx(air_c + 9.5)])
+    assert line.ask(5039) == (0, [95, 1, 1])
+
+
 def test_a_request_without_transaction_is_answered_with_0(line):
-    assert line.say("%R1Q,0:\r\n") == ["%R1P,0,0:0"]
+    assert line.say("%R1Q,0:\r\n%R1Q,1:\r\n") == ["%R1P,0,0:0"] * 2
 
 
 def test_a_blank_line_is_ignored_and_a_leading_line_feed_clears_what_has_begun(line):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from sims.krc._eki_server import EkiServer
+from sims.krc._eki_server import MOST_UNSENT, EkiServer
 from sims.wires import Wire
 
 
@@ -79,6 +79,18 @@ def test_a_pc_that_calls_just_as_the_one_before_is_found_to_be_gone_is_not_hung_
     with calling(server):
         kernel.due[0]()
         assert program.calls == ["connected", "disconnected", "connected"]
+
+
+def test_a_pc_that_never_reads_is_hung_up_on(served):
+    kernel, program, server = served
+    with calling(server):
+        sent = 0
+        while not kernel.due:
+            program.send(bytes(4096))
+            sent += 4096
+        assert sent > MOST_UNSENT
+        kernel.due[0]()
+        assert program.calls == ["connected", "disconnected"]
 
 
 def test_a_pc_that_is_found_to_be_gone_is_hung_up_on(served):

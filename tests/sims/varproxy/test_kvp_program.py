@@ -82,6 +82,20 @@ def test_the_timer_brakes_when_nobody_sets_it_again(bench):
     assert one.scene.arm.joints() != pytest.approx(ELSEWHERE)
 
 
+def test_the_flag_of_a_timer_is_set_from_zero_on(bench):
+    one = bench()
+    assert one.write("$TIMER[7]", "-1000")
+    assert one.read("$TIMER_STOP[7]") == "TRUE"
+    assert one.read("$TIMER_FLAG[7]") == "FALSE"
+    assert one.write("$TIMER[7]", "0")
+    assert one.read("$TIMER_FLAG[7]") == "TRUE"
+    assert one.write("$TIMER_STOP[7]", "FALSE")
+    one.let_pass(0.1)
+    assert int(one.read("$TIMER[7]")) >= 100
+    assert one.write("$TIMER_STOP[7]", "TRUE")
+    assert one.read("$TIMER[7]") == one.read("$TIMER[7]")
+
+
 def test_the_programs_count_shows_that_it_waits(bench):
     one = bench()
     before = int(one.read("KV_BEAT"))

@@ -23,7 +23,17 @@ def test_bytes_of_reading_and_writing_are_those_of_the_protocol(bench):
         ("$PRO_STATE1", "#P_ACTIVE"),
         ("$pro_name1[]", '"/R1/CELLCTL_KVP()"'),
         ("$ROB_STOPPED", "TRUE"),
+        ("$PERI_RDY", "TRUE"),
+        ("$STOPMESS", "FALSE"),
+        ("$V_R1MADA[]", '"V8.6.11"'),
+        ("$ROBNAME[]", '"SIMULATED"'),
+        ("KV_VERSION", "1"),
+        ("KV_ALLOW_T1", "FALSE"),
         ("$FLAG[7]", "FALSE"),
+        ("$FLAG[1024]", "FALSE"),
+        ("$FLAG[1025]", None),
+        ("$TIMER[64]", "0"),
+        ("$TIMER[65]", None),
         ("KV_BANK[2].ID[]", '" "'),
         ("KV_TAB[3,500].C6", "0"),
         ("KV_TAB[3,501]", None),
@@ -122,6 +132,16 @@ def test_requests_of_several_clients_are_done_one_after_another_each_after_its_d
         client.sendall(b"\x00\x01\x00\x0c\x00\x00\x09$STOPMESS")
     assert one.received(one.client, 15) == one.received(other, 15) == b"\x00\x01\x00\x0b\x00\x00\x05FALSE\x00\x01\x01"
     assert 20e6 <= one.kernel.now - begun < 60e6
+
+
+def test_a_proxy_that_is_gone_hangs_up_and_is_back_at_the_same_port(bench):
+    one = bench()
+    begun = one.kernel.now
+    one.fault("varproxy.gone", for_ms=2000)
+    assert one.received(one.client, 1) == b""
+    one.client = one.call()
+    assert one.read("$STOPMESS") == "FALSE"
+    assert one.kernel.now - begun >= 2e9
 
 
 def test_faults_of_the_line(bench):
