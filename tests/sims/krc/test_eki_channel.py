@@ -103,6 +103,7 @@ def test_what_cannot_be_read_is_answered_11_and_the_channel_goes_on(bench, docum
 def test_a_speed_outside_its_range_is_refused(bench, percent):
     pc = bench()
     assert pc.command("PTP", 1, body(THERE, percent))[1:3] == (21, HOME)
+    assert pc.command("PTP", 2, body(HOME, "0.01"))[1] == 0
 
 
 def test_a_target_outside_an_axis_limit_is_refused_and_nothing_moves(bench):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 from collections.abc import Callable
 
@@ -18,11 +19,13 @@ class KernelByHand:
 
     def __init__(self) -> None:
         self.due: list[Callable[[], object]] = []
+        self.delays_ns: list[int] = []
 
     def at(self, time_ns: int, action: Callable[[], object]) -> None:
         self.due.append(action)
 
     def after(self, delay_ns: int, action: Callable[[], object]) -> KernelByHand:
+        self.delays_ns.append(delay_ns)
         return self
 
     def cancel(self) -> None:
@@ -91,6 +94,16 @@ def test_a_pc_that_never_reads_is_hung_up_on(served):
         assert sent > MOST_UNSENT
         kernel.due[0]()
         assert program.calls == ["connected", "disconnected"]
+
+
+def test_a_command_is_taken_after_4_ms(served):
+    kernel, _, server = served
+    with calling(server) as line:
+        kernel.delays_ns.clear()
+        line.sendall(b'<Cmd Id="1" Op="HELLO"/>')
+        assert select.select([server._peer], [], [], 60)[0]
+        kernel.readable()
+        assert kernel.delays_ns == [4_000_000]
 
 
 def test_a_pc_that_is_found_to_be_gone_is_hung_up_on(served):

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sims.krc._eki_server import LARGEST, DocumentStream
+from sims.krc._eki_server import DocumentStream
 
+LARGEST = 8192
 DOCUMENTS = st.sampled_from(
     [
         b'<Cmd Id="1" Op="HALT"/>',

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sims.krc._telegram import LARGEST_IPOC, Element, read_reply
-from sims.krc._xml_documents import LARGEST, count, decimal, parse
+from sims.krc._telegram import Element, read_reply
+from sims.krc._xml_documents import count, decimal, parse
 
+LARGEST, LARGEST_IPOC = 8192, 10**15
 WIRED = (Element("AK.A1", "DOUBLE", True, False), Element("Stop", "BOOL", False, False))
 ODD = [
     "", "1_0", "٣", "１", "²", " 1", "1 ", "1\n", "0x10", "1.", ".5", "+-1", "1e", "1,5", "nan", "inf", "-Infinity",
@@ -61,13 +62,16 @@ def test_an_answer_is_read_by_name():
 
 
 @pytest.mark.parametrize("odd", [*({"a1": text} for text in ODD), {"a1": "3600.1"}, {"a1": "-1e9"}, {"stop": "١"},
-                                 {"ipoc": "-1"}, {"ipoc": "1_0"}, {"ipoc": "٣"}, {"ipoc": "1" * 17}])  # fmt: skip
+                                 {"ipoc": "-1"}, {"ipoc": "1_0"}, {"ipoc": "٣"}, {"ipoc": "1" * 17},
+                                 {"ipoc": str(LARGEST_IPOC + 1)}])  # fmt: skip
 def test_an_answer_with_an_impossible_number_is_none(odd):
     assert read_reply(answer(**odd), WIRED) is None
 
 
 def test_an_answer_over_eight_kibibytes_is_none():
-    assert read_reply(answer() + b" " * LARGEST, WIRED) is None
+    room = LARGEST - len(answer())
+    assert read_reply(answer() + b" " * room, WIRED) is not None
+    assert read_reply(answer() + b" " * (room + 1), WIRED) is None
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])

@@ -25,8 +25,9 @@ def test_a_program_ends_where_its_last_step_is(bench):
 
 def test_a_program_that_does_not_begin_here_is_refused(bench):
     pc = bench()
-    pc.krc.take_program({**GOOD, "joints": [BESIDE, BESIDE, HOME]})
-    assert run(pc, 1)[1] == 12
+    for begin, code in ((0.0101, 12), (0.0099, 0)):
+        pc.krc.take_program({**GOOD, "joints": [[begin, *HOME[1:]]] * 2})
+        assert run(pc, 1)[1] == code
     assert run(pc, 2)[1] == 42
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from sims import kernel
 from sims.krc._rsi_exchange import AxisCorrection
-from sims.krc._servo import NOISE_A
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 ZERO = (0.0,) * 6
@@ -133,6 +132,7 @@ def test_stop_ends_rsi_where_the_robot_stands_and_the_program_takes_over_from_th
     pc = bench(errors={"servo": 1})
     pc.rsi_on()
     pc.cycles(50, lambda i: a1(0.005 * i))
+    pc.state(['Prog="RSI"'])
     number, code, joints, _ = pc.finish(a1(0.245))
     assert (number, code) == ("7", 0)
     assert joints[0] == pytest.approx(0.245, abs=3e-4)
@@ -269,9 +269,10 @@ def test_motor_currents_are_the_true_ones_with_the_noise_of_one_telegram(bench):
     pc.rsi_on()
     currents = [axes_of(telegram, "MACur") for telegram in pc.cycles(100)]
     means = [sum(axis) / 100 for axis in zip(*currents, strict=True)]
-    assert means == pytest.approx(pc.world().holding_currents(HOME), abs=4 * NOISE_A / 10)
+    assert means == pytest.approx(pc.world().holding_currents(HOME), abs=4 * 0.02 / 10)
     scatter = [sum((a - b) ** 2 for a, b in zip(row, means, strict=True)) for row in currents]
-    assert sum(scatter) / 600 == pytest.approx(NOISE_A**2, rel=0.25)
+    assert sum(scatter) / 600 == pytest.approx(0.02**2, rel=0.25)
+    assert all(round(current * 1e3) == pytest.approx(current * 1e3) for row in currents for current in row)
     assert pc.finish()[1] == 0
 
 
@@ -310,7 +311,7 @@ def test_a_set_point_past_an_axis_limit_stops_the_controller(bench):
     pc.rsi_on()
     number, code, _, text = pc.until_reply(lambda cycle: (0.0, 0.008 * cycle, 0.0, 0.0, 0.0, 0.0))
     assert (number, code) == ("7", 31)
-    assert "+A2" in text
+    assert "KSS01211 STOP due to software limit switch +A2" in text
 
 
 def test_a_controller_that_was_not_told_where_the_pc_is_says_so(bench):

@@ -99,8 +99,8 @@ def test_the_flag_of_a_timer_is_set_from_zero_on(bench):
 def test_the_programs_count_shows_that_it_waits(bench):
     one = bench()
     before = int(one.read("KV_BEAT"))
-    one.let_pass(0.12)
-    assert int(one.read("KV_BEAT")) > before
+    one.let_pass(1.2)
+    assert 99 <= int(one.read("KV_BEAT")) - before <= 103
     begin(one, 1, ELSEWHERE, 5)
     one.let_pass(0.1)
     assert one.read("KV_BEAT") == one.read("KV_BEAT")
@@ -131,6 +131,14 @@ def test_the_safety_chain_stops_the_robot_and_stands_as_a_message(bench):
     assert one.scene.arm.joints() != pytest.approx(ELSEWHERE)
 
 
+def test_without_the_plcs_enable_no_job_is_begun(bench):
+    one = bench()
+    one.kernel.at(one.kernel.now, lambda: one.scene.safety.enable_motion(False))
+    begin(one, 1, ELSEWHERE)
+    assert end(one, 1) == 12
+    assert one.scene.arm.joints() == pytest.approx(HOME)
+
+
 def test_tables_outlive_the_process_and_their_rows_are_moved_to(bench, tmp_path):
     path = tmp_path / "memory.json"
     one = bench(Memory(path))
@@ -146,3 +154,5 @@ def test_tables_outlive_the_process_and_their_rows_are_moved_to(bench, tmp_path)
     assert again.scene.arm.joints() == pytest.approx((10.0, -80.5, 90.0, 0.0, 45.0, 0.0))
     begin(again, 2, row=8)
     assert end(again, 2) == 42
+    assert again.read("KV_TAB[3,500].C1") == "0"
+    assert again.read("KV_TAB[3,501].C1") is None

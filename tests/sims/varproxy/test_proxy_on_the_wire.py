@@ -83,6 +83,19 @@ def test_a_file_is_written_and_read_in_parts(bench):
     assert one.ask(30, b"\x01" + four[0] + b"\x00\x01X\x00")[1:] == (0, False)
 
 
+def test_an_answer_has_63_kibibytes_of_a_file_and_a_file_is_overwritten_with_64(bench):
+    one = bench()
+    path = b"\x00\x01A\x00"
+    for size, flag in ((1, 0), (70_000, 64)):
+        assert one.ask(29, b"\x01" + size.to_bytes(4, "big"))[2]
+        for at in range(0, size, 35_000):
+            part = bytes(min(35_000, size - at))
+            assert one.ask(29, b"\x02" + at.to_bytes(4, "big") + len(part).to_bytes(4, "big") + part)[2]
+        assert one.ask(29, b"\x04" + flag.to_bytes(4, "big") + path)[2]
+    assert one.ask(30, b"\x01" + bytes(4) + path)[0] == b"\x01" + (70_000).to_bytes(4, "big")
+    assert len(one.ask(30, b"\x02" + bytes(4) + b"\x00\x01\x11\x70")[0]) == 9 + 64_512
+
+
 def test_kukavarproxy_has_no_files_and_none_of_the_bridges_variables(bench):
     one = bench(proxy="kukavarproxy")
     assert one.read("PING") == "PONG"
