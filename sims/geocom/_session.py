@@ -14,7 +14,7 @@ from sims.geocom._protocol import LONGEST, Answer, Code, Procedures, Request, St
 from sims.kernel import Event, Kernel
 from sims.wires import wire_time_ns
 
-LF, CR, ABORT = 0x0A, 0x0D, ord("c")
+LF, ABORT = 0x0A, ord("c")
 
 
 @final

@@ -131,6 +131,7 @@ def test_the_inclination_is_reported_across_and_along_the_line_of_sight(one):
     line.measure()
     _, full = line.ask(2167, 0, 1)
     assert full[3:5] == pytest.approx([0.0, lean], abs=1e-6)  # it leans towards the reflector
+    assert full[5] == pytest.approx(radians(1 / 3600), rel=1e-6)
 
 
 def test_the_air_that_is_set_corrects_the_distance_and_the_true_air_does_not_follow(one):
@@ -194,6 +195,34 @@ def test_a_distance_stays_until_it_is_cleared_or_the_telescope_turns(one):
     assert line.ask(2108, 0, 1)[1][2] == first
     line.set(9027, HZ, V, 0, 0, 0)
     assert line.ask(2108, 0, 1)[0] == 1285
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "then"),
+    [
+        (0, 0, 1285),
+        (1, 0, 0),
+        (2, 0, 0),
+        (3, 0, 1285),
+        (4, 0, 1285),
+        (6, 0, 0),
+        (8, 0, 0),
+        (10, 27, 1285),
+        (11, 0, 1285),
+    ],
+)
+def test_each_command_begins_a_distance_or_none(one, command, code, then):
+    line = one()
+    assert line.ask(2008, command, 1) == (code, [])
+    assert line.ask(2108, 20_000, 1)[0] == then
+
+
+@pytest.mark.parametrize(("mode", "then"), [(0, 0), (1, 0), (5, 1285), (6, 1285)])
+def test_a_reading_without_distance_keeps_or_clears_the_last_one(one, mode, then):
+    line = one()
+    line.measure()
+    assert line.ask(17017, mode)[1][2:] == [0.0, mode]
+    assert line.ask(2108, 0, 1)[0] == then
 
 
 def test_without_a_reflector_in_the_beam_there_is_an_error_and_no_data(bench):

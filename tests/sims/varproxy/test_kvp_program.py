@@ -94,6 +94,8 @@ def test_the_flag_of_a_timer_is_set_from_zero_on(bench):
     assert int(one.read("$TIMER[7]")) >= 100
     assert one.write("$TIMER_STOP[7]", "TRUE")
     assert one.read("$TIMER[7]") == one.read("$TIMER[7]")
+    assert one.read("$TIMER[64]") == "0"
+    assert one.read("$TIMER[65]") is None
 
 
 def test_the_programs_count_shows_that_it_waits(bench):
