@@ -28,7 +28,6 @@ NAME = "SIM CiA 402 drive"
 FIRMWARE = "SIM 1.0"
 TRANSMIT_PDOS = (1, 2)
 INVALID = 0x8000_0000
-NO_RTR = 0x4000_0000
 MAPPED_AT_FIRST = 0x6041_0010
 """The statusword, 16 bit."""
 

@@ -61,9 +61,9 @@ def test_rist_is_the_pose_of_the_nominal_robot_with_the_taught_tool(bench):
     assert shown == pytest.approx(nominal, abs=6e-5)
 
 
-@pytest.mark.parametrize(("precision", "text"), [(1, 'A1="0.3"'), (4, 'A1="0.2700"')])
-def test_numbers_have_the_decimals_of_precision(bench, precision, text):
-    pc = bench(rsi={"precision": precision})
+@pytest.mark.parametrize(("rsi", "text"), [({"precision": 1}, 'A1="0.3"'), ({}, 'A1="0.2700"')])
+def test_numbers_have_the_decimals_of_precision(bench, rsi, text):
+    pc = bench(rsi=rsi)
     pc.rsi_on()
     assert f"<AIPos {text} " in pc.ramp(a1(0.27))
 
@@ -167,9 +167,9 @@ def test_halt_ends_rsi_and_brakes(bench):
     assert pc.ptp(HOME)[1] == 0
 
 
-@pytest.mark.parametrize(("counter", "ends"), [("total", True), ("reset", False)])
-def test_lost_cycles_add_up_or_are_forgiven_as_the_setting_says(bench, counter, ends):
-    pc = bench(rsi={"timeout_cycles": 5, "counter": counter})
+@pytest.mark.parametrize(("rsi", "ends"), [({}, True), ({"counter": "reset"}, False)])
+def test_lost_cycles_add_up_or_are_forgiven_as_the_setting_says(bench, rsi, ends):
+    pc = bench(rsi={"timeout_cycles": 5, **rsi})
     pc.rsi_on()
     for _ in range(6):
         telegram = pc.telegram()
@@ -189,7 +189,7 @@ def test_lost_cycles_add_up_or_are_forgiven_as_the_setting_says(bench, counter, 
 
 
 def test_exactly_one_cycle_more_than_tolerated_ends_rsi_and_no_telegram_follows(bench):
-    pc = bench(rsi={"timeout_cycles": 100})
+    pc = bench()
     pc.rsi_on()
     pc.cycles(101, sentype="WRONG")
     assert pc.reply()[1] == 31
@@ -353,17 +353,19 @@ def mark_of(telegram):
     return tuple(float(value) for value in re.findall(r'C2[12]="([^"]*)"', telegram))
 
 
-@pytest.mark.parametrize(("port", "same"), [("kept", True), ("new", False)])
-@pytest.mark.parametrize("after", [3, 1000])
-def test_rsi_that_is_switched_off_and_on_goes_on_counting_with_a_delay_and_a_zero_of_its_own(bench, port, same, after):
+@pytest.mark.parametrize(("rsi", "same"), [({}, True), ({"port": "new"}, False)])
+@pytest.mark.parametrize(("cycles", "after"), [({}, 3), ({"restart_cycles": 1000}, 1000)])
+def test_rsi_that_is_switched_off_and_on_goes_on_counting_with_a_delay_and_a_zero_of_its_own(
+    bench, rsi, same, cycles, after
+):
     restart = {"fault": "rsi.restart", "search": 1, "after_ms": 200}
-    pc = bench(rsi={"port": port, "restart_cycles": after}, faults=[restart])
+    pc = bench(rsi={**rsi, **cycles}, faults=[restart])
     pc.rsi_on()
     before = pc.ramp(a1(0.3))
     ports = [pc.robot[1]]
     while mark_of(again := pc.telegram()) == mark_of(before):
         pc.answer(before := again, a1(0.3))
-    assert ipoc_of(again) - ipoc_of(before) >= 4 * after
+    assert ipoc_of(again) - ipoc_of(before) == 4 * (1 + after)
     assert (delay_of(again), mark_of(before), mark_of(again)) == (0, (1, -1), (2, -2))
     assert axes_of(before, "ASPos") == HOME
     assert axes_of(again, "ASPos") == pytest.approx(axes_of(again), abs=1e-3), "its zero is where the robot stands"
