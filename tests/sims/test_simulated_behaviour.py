@@ -67,6 +67,19 @@ def test_every_behaviour_that_can_be_enumerated_has_a_row_and_no_row_is_of_somet
     }
 
 
+def test_the_row_of_a_setting_states_its_default() -> None:
+    rows = {name: row for row in ROWS for name in row.names}
+    missing = []
+    for device in DEVICES.values():
+        simulator = _simulator(device)
+        for setting in simulator.settings:
+            default = f"{setting.default:g}" if isinstance(setting.default, float) else str(setting.default)
+            name = f"{simulator.section}.{setting.name}"
+            if setting.default is not None and not re.search(rf"(?<![\w.]){default}(?![\w.])", rows[name].behaviour):
+                missing.append(f"{name}: {default}")
+    assert missing == []
+
+
 def test_every_module_of_a_simulator_has_its_table() -> None:
     modules = {
         f"sims/{device}/{file.name}"
@@ -153,11 +166,16 @@ def _enumerated(device: str) -> set[str]:
 
 def _declared(device: str) -> set[str]:
     """Settings, as `section.setting`, and faults."""
-    simulator: Simulator = importlib.import_module(f"sims.{device}").SIMULATOR
-    assert simulator in installed().all
+    simulator = _simulator(device)
     return {f"{simulator.section}.{setting.name}" for setting in simulator.settings} | {
         fault.name for fault in simulator.faults
     }
+
+
+def _simulator(device: str) -> Simulator:
+    simulator: Simulator = importlib.import_module(f"sims.{device}").SIMULATOR
+    assert simulator in installed().all
+    return simulator
 
 
 def _constants_and_enumerations(device: str) -> Iterator[str]:
