@@ -11,6 +11,7 @@ from cellctl.devices._cell_io import (
     Temperatures,
     VariableStore,
 )
+from cellctl.devices._commissioning import CellSteps, Commissioned, CommissioningStep, Figure, Person
 from cellctl.devices._correction import CorrectingRobot, CorrectionModel, CorrectionReport, CorrectionSample
 from cellctl.devices._points import Lock, Matrix3, MeasuredPoint, PointSource, Reflector, TwoFaceError, Vector3, Weather
 from cellctl.devices._protocols import (
@@ -65,6 +66,9 @@ __all__ = [
     "Address",
     "CellIO",
     "CellReadings",
+    "CellSteps",
+    "Commissioned",
+    "CommissioningStep",
     "CompensatedRobot",
     "Conditions",
     "Contact",
@@ -84,6 +88,7 @@ __all__ = [
     "DeviceUncertain",
     "DeviceUnreachable",
     "DriverDescription",
+    "Figure",
     "FileStore",
     "Finding",
     "Guard",
@@ -103,6 +108,7 @@ __all__ = [
     "NoContact",
     "NotLevelled",
     "OutOfRange",
+    "Person",
     "PointSource",
     "ProbeNotOpen",
     "Reflector",

@@ -9,6 +9,7 @@ from typing import Final, final
 
 from cellctl.clock import Clock
 from cellctl.devices import (
+    CommissioningStep,
     Contact,
     DeviceError,
     DeviceFault,
@@ -19,6 +20,7 @@ from cellctl.devices import (
     Identity,
     ProbeNotOpen,
 )
+from drivers.contact_probe.commissioning import steps_of
 from drivers.contact_probe.lines import Introduction
 from drivers.contact_probe.session import Session, fault_of
 from drivers.serial_port import SerialPlace
@@ -103,6 +105,10 @@ class SerialProbe:
             raise DeviceLost(self.name, "sends no heartbeats", "check the probe's firmware")
         figures = {"loop_mV": beat.loop_mv, "latency_ms": round_trip_ns * 1e-6, **_figures(session)}
         return Health(beat.state != "FAULT", f"{beat.state}, loop at {beat.loop_mv} mV", figures)
+
+    def commissioning(self) -> tuple[CommissioningStep, ...]:
+        """Trips by hand."""
+        return steps_of(self, self._clock)
 
     def conditions(self) -> Mapping[str, str]:
         """The conditions that an interlock can name."""

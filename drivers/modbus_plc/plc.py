@@ -9,6 +9,7 @@ from typing import Final, Self, final
 from cellctl.clock import Clock
 from cellctl.devices import (
     Address,
+    CommissioningStep,
     DeviceBusy,
     DeviceError,
     DeviceFault,
@@ -21,6 +22,7 @@ from cellctl.devices import (
     Weather,
     impossible_host,
 )
+from drivers.modbus_plc.commissioning import steps_of
 from drivers.modbus_plc.io_map import EXCLUSIVE, INPUTS, OUTPUTS, Readings, WordOrder
 from drivers.modbus_plc.line import ModbusLine
 from drivers.modbus_plc.polling import CLAMP_TRAVEL_S, Poll, Polling, PollLimits
@@ -106,6 +108,10 @@ class ModbusPlc:
             raise
         self._polling = polling
         return identity
+
+    def commissioning(self) -> tuple[CommissioningStep, ...]:
+        """Safety inputs by hand."""
+        return steps_of(self, self._clock)
 
     async def inputs(self) -> Mapping[str, bool]:
         """Every input by name, at the last poll. Raises DeviceLost."""

@@ -270,7 +270,7 @@ class Responder:
         if task.phase is Phase.OVER:  # by a later telegram among these
             return
         for one in admitted:
-            self._take_in(task, one.telegram, now_ns)
+            self._take_in(task, one, now_ns)
         newest = admitted[-1]
         self._count(Slot.SKIPPED, len(admitted) - 1)
         reply = self._plan(task, newest.telegram, now_ns, leave, skipped=len(admitted) - 1)
@@ -282,8 +282,10 @@ class Responder:
 
     # `now_ns` is when the queue was read. That is too late for the older telegrams of a stall; the fit of the clocks
     # takes the least delays and ignores them.
-    def _take_in(self, task: CyclicTask, telegram: Telegram, now_ns: int) -> None:
+    def _take_in(self, task: CyclicTask, one: _Waiting, now_ns: int) -> None:
+        telegram = one.telegram
         self._telegrams += 1
+        self._block.show_session(one.sender[1], telegram.mark, telegram.delay, first=self._telegrams == 1)
         self._count_reported(telegram)
         self._block.add_sample(Sample(task.number, telegram.ipoc, now_ns, telegram.joints, telegram.currents or ()))
 

@@ -33,7 +33,8 @@ class Slot(IntEnum):
     """Places of the slots. Up to `HOLD` the engine writes, from `SEARCH` on the cyclic process.
 
     `STOP`: not 0 stops every search until it is cleared. `SESSION`: number of the search for which the
-    controller has reported that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`.
+    controller has reported that RSI is on. `FOREIGN_FROM`: last foreign sender, see `foreign_sender`. `SENDER_PORT`,
+    `MARK`, `FIRST_DELAY`: of the first telegram that was answered; `DELAY`: of the last one, -1 if it sends none.
     """
 
     STOP = 0
@@ -64,7 +65,11 @@ class Slot(IntEnum):
     BEYOND = STALE + 1
     FOREIGN = BEYOND + 1
     FOREIGN_FROM = FOREIGN + 1
-    HEAD = FOREIGN_FROM + 1
+    SENDER_PORT = FOREIGN_FROM + 1
+    MARK = SENDER_PORT + 1
+    FIRST_DELAY = MARK + 1
+    DELAY = FIRST_DELAY + 1
+    HEAD = DELAY + 1
     RING = 64
 
 
@@ -103,6 +108,19 @@ class SearchStatus:
     telegrams: int
     ipoc_step: int
     cycle_ns: int
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class SessionFacts:
+    """A session's UDP port at the controller, its mark (0: none); Delay of the first and last answered telegram, None
+    if it sends none.
+    """
+
+    port: int
+    mark: int
+    first_delay: int | None
+    last_delay: int | None
 
 
 @final
@@ -164,6 +182,12 @@ class SharedBlock:
         first = max(tail, head - ROWS + 1)  # not the oldest row: the next telegram is written over it
         return [self._sample(count) for count in range(first, head)], head
 
+    def session(self) -> SessionFacts:
+        """The facts of the last session with a telegram."""
+        port, mark, *delays = (self.words[slot] for slot in range(Slot.SENDER_PORT, Slot.DELAY + 1))
+        first, last = (None if delay < 0 else delay for delay in delays)
+        return SessionFacts(port, mark, first, last)
+
     # the cyclic process's side
 
     def order(self) -> SearchOrder:
@@ -197,6 +221,13 @@ class SharedBlock:
         words[Slot.PHASE] = task.phase
         words[Slot.SEARCH_TELEGRAMS] = telegrams
         words[Slot.SEARCH] = task.number
+
+    def show_session(self, port: int, mark: int, delay: int | None, *, first: bool) -> None:
+        """Keep the facts of a telegram of the session; port and mark of its first one alone."""
+        if first:
+            self.words[Slot.SENDER_PORT], self.words[Slot.MARK] = port, mark
+            self.words[Slot.FIRST_DELAY] = -1 if delay is None else delay
+        self.words[Slot.DELAY] = -1 if delay is None else delay
 
     def add_sample(self, sample: Sample) -> None:
         """Write a sample over the oldest."""

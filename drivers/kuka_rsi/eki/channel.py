@@ -175,7 +175,10 @@ def refusal(device: str, reply: Reply, doing: str) -> DeviceError:
         case 10:
             return DeviceRefused(device, f"{doing}: the controller is busy with another command{text}")
         case 12:
-            cure = "Acknowledge the message, switch the drives on, choose EXT and start the program."
+            cure = (
+                "Acknowledge the message, switch the drives on, choose EXT and start the program. In T1 it moves only "
+                "with CC_ALLOW_T1=TRUE in cellctl.dat."
+            )
             return DeviceRefused(device, f"{doing}: the controller is not ready{text}", cure)
         case 20:
             return LimitExceeded(device, f"{doing}: outside an axis limit{text}")

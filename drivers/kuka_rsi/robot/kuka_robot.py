@@ -11,6 +11,7 @@ from typing import Final, final
 from cellctl.clock import Clock
 from cellctl.devices import (
     TABLE_CORRECTION_DEG,
+    CommissioningStep,
     ControllerTable,
     CorrectionModel,
     CorrectionReport,
@@ -31,10 +32,11 @@ from cellctl.devices import (
 from cellctl.devices.tables import refuse_corrections
 from drivers.kuka_rsi.axes import AXES
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
-from drivers.kuka_rsi.cyclic.session import SearchOrder
+from drivers.kuka_rsi.cyclic.session import Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Sample, Slot
 from drivers.kuka_rsi.eki.channel import Reply, point_to_point, refusal
 from drivers.kuka_rsi.eki.tables import TableChannel, to_row
+from drivers.kuka_rsi.robot.commissioning import WatchedSession, steps_of
 from drivers.kuka_rsi.robot.correcting import Correcting
 from drivers.kuka_rsi.robot.holding import Holding
 from drivers.kuka_rsi.robot.lines import ENGINE, ControllerLines, GuardSlots
@@ -111,7 +113,7 @@ def health_of(lines: ControllerLines) -> Health:
 class KukaRobot:
     """A KUKA robot: RSI in a separate process, EthernetKRL for the rest.
 
-    A CompensatedRobot, CorrectingRobot, CurrentSource and Listener.
+    A CompensatedRobot, CorrectingRobot, CurrentSource, Listener and Commissioned.
     """
 
     def __init__(
@@ -237,7 +239,7 @@ class KukaRobot:
         async with self._holding.held_in_trouble():
             here, oldest = self._lines.eki.latest_joints, self._guards.oldest_ns({})
             with self._ordered(SearchOrder(self._holding.search, here, AT_REST, 1.0, oldest, samples)) as search:
-                return mean_currents(self.name, await search.at_rest())
+                return mean_currents(self.name, (await search.at_rest()).samples[-samples:])
 
     def stop_now(self) -> None:
         """Stop this search and every later one, until `clear_stop`; safe from any thread, never blocks."""
@@ -254,6 +256,34 @@ class KukaRobot:
     def guard(self, name: str) -> Guard:
         """The slot for the proof of life of `name`. Raises ValueError if all are taken."""
         return self._guards.guard(name)
+
+    # commissioning
+
+    def commissioning(self) -> tuple[CommissioningStep, ...]:
+        """Telegrams at rest; a tenth of a degree of each axis; stops of a slow search."""
+        return steps_of(self, self._clock)
+
+    async def watch_telegrams(self, seconds: float) -> WatchedSession:
+        """An RSI session at rest, of so many seconds at least: the correction is 0 throughout.
+
+        Raises as `search`; DeviceRefused if a stop is set.
+        """
+        async with self._holding.held_in_trouble():
+            here, oldest = self._lines.eki.latest_joints, self._guards.oldest_ns({})
+            process = self._lines.process
+            count = math.ceil(seconds * 1e3 / process.cycle.milliseconds)
+            with self._ordered(SearchOrder(self._holding.search, here, AT_REST, 1.0, oldest, count)) as search:
+                record = await search.at_rest()
+                block = process.block
+                status = block.status()
+                return WatchedSession(
+                    len(record.samples), record.counts(), record.delays_ns(status), status.cycle_ns, block.session()
+                )
+
+    def searching(self) -> bool:
+        """Whether the set-point of a search goes along its line. Raises DeviceLost."""
+        status = self._lines.process.block.status()
+        return status.number == self._holding.search and status.phase is Phase.MOVING
 
     # on-line correction
 

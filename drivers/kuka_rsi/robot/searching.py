@@ -78,6 +78,12 @@ class SearchRecord:
         late = max(rises[Slot.LATE], rises[Slot.LATE_REPORTED])
         return {"late": late, "lost": rises[Slot.LOST], "skipped": rises[Slot.SKIPPED]}
 
+    def delays_ns(self, status: SearchStatus) -> list[int]:
+        """How much later than the fastest ones the telegrams arrived; empty if the cycle was not learnt."""
+        arrivals = [sample.arrival_ns for sample in self.samples]
+        fastest = self._times(status) if status.ipoc_step else ()
+        return [arrival - time for arrival, time in zip(arrivals, fastest, strict=False)]
+
     def result(self, end: SearchEnd, status: SearchStatus, resting: JointReadings) -> RsiSearchResult:
         """The record of the search, its samples' times through the count → cell clock fit."""
         return RsiSearchResult(
@@ -130,12 +136,12 @@ class Search:
         record, reply = await self._session()
         return self._result(record, reply)
 
-    async def at_rest(self) -> list[Sample]:
-        """RSI on without a correction, RSI off: the last `hold_cycles` telegrams. Raises as `run`, DeviceRefused."""
+    async def at_rest(self) -> SearchRecord:
+        """RSI on without a correction for `hold_cycles` telegrams at least, RSI off. Raises as `run`, DeviceRefused."""
         record, reply = await self._session()
         if self._result(record, reply).end is SearchEnd.STOPPED:
             raise DeviceRefused(self.device, "a stop is set: RSI was left at once", "clear the stop, then try again")
-        return record.samples[-self.order.hold_cycles :]
+        return record
 
     async def _session(self) -> tuple[SearchRecord, Reply]:
         record = SearchRecord(self.process.block, self.order.number)
