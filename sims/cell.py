@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,13 @@ from sims.cell_content import (
     Sphere,
     Station,
 )
+from sims.commissioning import measured_settings
 from sims.conditions import Payload
 from sims.faults import Fault, FaultCatalogue, FaultError
 from sims.robot_file import Frame, RobotFile, read_robot, robot_path
 from sims.section import Section
 from sims.settings import read_settings
-from sims.simulators import BadSimulator, Simulators, installed
+from sims.simulators import GENERAL, BadSimulator, Simulators, installed
 
 
 class CellError(Exception):
@@ -58,13 +59,16 @@ def read_cell(path: Path, *, to_run: bool = False) -> SimCell:
     devices = cell.below("devices")
     addresses = {name: devices.word(name) for name in devices.entries}
     robot = read_robot(Section(_load_model(path, model, problems), model, problems))
+    name = cell.word("name", path.stem)
+    simulate = cell.below("simulate")
+    measured = measured_settings(simulate, path.parent, name, addresses, simulators)
     found = SimCell(
         path=path,
-        name=cell.word("name", path.stem),
+        name=name,
         robot=robot,
         addresses=addresses,
         artefact=_artefact(cell.below("artefact")),
-        simulate=_simulate(cell.below("simulate"), simulators, simulators.catalogue(addresses.values())),
+        simulate=_simulate(simulate, simulators, simulators.catalogue(addresses.values()), measured),
         home=_home(cell.below("postures"), robot),
         station=read_station(cell.below("station")) if "station" in cell.entries else None,
         load=_load_of(cell.below("load")),
@@ -166,9 +170,15 @@ def _plate(section: Section) -> Plate:
     return Plate(section.number("z"), section.number("stem_radius", 8.0, 0.0))
 
 
-def _simulate(section: Section, simulators: Simulators, catalogue: FaultCatalogue) -> Simulate:
+def _simulate(
+    section: Section, simulators: Simulators, catalogue: FaultCatalogue, measured: Mapping[str, Mapping[str, Any]]
+) -> Simulate:
+    """`measured`: section → setting → value, for those that the file does not state."""
     with_settings = [one for one in simulators.all if one.section]
-    section.only(["seed", "clock", "errors", "payload", "faults", *(one.section for one in with_settings)])
+    section.only([*GENERAL, *(one.section for one in with_settings)])
+    parts = {one.section: section.below(one.section) for one in with_settings}
+    for name, part in parts.items():
+        part.entries = {**measured.get(name, {}), **part.entries}
     errors = section.below("errors")
     errors.only(ERRORS)
     lockstep = section.word("clock", "lockstep", ["lockstep", "realtime"]) != "realtime"
@@ -176,7 +186,7 @@ def _simulate(section: Section, simulators: Simulators, catalogue: FaultCatalogu
         seed=section.whole("seed", 1),
         clock="lockstep" if lockstep else "realtime",
         errors={kind: errors.scale(kind, usual) for kind, usual in ERRORS.items()},
-        settings={one.section: read_settings(one.settings, section.below(one.section)) for one in with_settings},
+        settings={one.section: read_settings(one.settings, parts[one.section]) for one in with_settings},
         faults=tuple(_faults(section, catalogue)),
         payload=_payload(section.below("payload")),
     )

@@ -34,6 +34,10 @@ def schema_of(simulators: Simulators) -> dict[str, Any]:
                     **_mapping({"mass": {"type": "number", "minimum": 0}, "xyz": _TRIPLE}),
                     "required": ["mass", "xyz"],
                 },
+                "commissioning": {
+                    "description": "Record of the real cell's commissioning, which gives settings that are not here.",
+                    "type": "string",
+                },
                 **{
                     key: _mapping({setting.name: setting.schema() for setting in one.settings})
                     for key, one in sections.items()

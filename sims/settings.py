@@ -15,7 +15,7 @@ class Setting:
 
     `default`: where the file has none; None: whoever takes it knows what that means. `least`: the smallest number
     (a whole number is never below 0). `among`: the only values. `step`: of which a number is a multiple. `what`: one
-    sentence for people.
+    sentence for people. `measured`: step and figure of a commissioning that give its value, `telegrams.jitter_ms`.
     """
 
     name: str
@@ -25,6 +25,7 @@ class Setting:
     among: tuple[float | str, ...] = ()
     step: int | None = None
     what: str = ""
+    measured: str = ""
 
     def read(self, section: Section) -> Any:
         """Its value in a section of the cell file; errors are noted there."""

@@ -29,7 +29,7 @@ class Simulators:
         self.faults = (*SCENE_FAULTS, *(kind for one in self.all for kind in one.faults))
         self._by_scheme = {scheme: one for one in self.all for scheme in one.schemes}
         _once("scheme", [scheme for one in self.all for scheme in one.schemes])
-        _once("section", [*_GENERAL, *(one.section for one in self.all if one.section)])
+        _once("section", [*GENERAL, *(one.section for one in self.all if one.section)])
         _once("fault", [kind.name for kind in self.faults])
 
     def of(self, address: str) -> Simulator | None:
@@ -59,7 +59,7 @@ class Simulators:
         return found
 
 
-_GENERAL = ("seed", "clock", "errors", "payload", "faults")
+GENERAL = ("seed", "clock", "errors", "payload", "commissioning", "faults")
 """Keys of `simulate:` that belong to no device."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import getpass
 import signal
 import subprocess
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
+from cellctl.cli.commissioning import commission_cell, write_page
 from cellctl.cli.exit_codes import Exit
 from cellctl.cli.run_progress import show_warnings
 from cellctl.clock import WallClock
@@ -28,19 +30,48 @@ from cellctl.operations.results import as_json
 _WIDTH = 120
 
 
-def doctor(cell: arguments.Cell, seed: arguments.Seed = None, json_: arguments.Json = None) -> None:
+def doctor(
+    cell: arguments.Cell,
+    seed: arguments.Seed = None,
+    json_: arguments.Json = None,
+    commission: Annotated[bool, typer.Option("--commission", help="Lead through the first hour at the cell.")] = False,
+    page: Annotated[
+        Path | None,
+        typer.Option(help="Write the commissioning as an HTML page; without --commission as it is, nothing is opened."),
+    ] = None,
+    clock: Annotated[
+        Literal["realtime", "lockstep"] | None, typer.Option(help="Time of a simulated cell that is commissioned.")
+    ] = None,
+    motion: Annotated[bool, typer.Option(help="With --commission: go on to the steps that move.")] = True,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Confirm each step without asking, but no motion of a real robot.")
+    ] = False,
+    operator: Annotated[str | None, typer.Option(help="Who commissions the cell. Default: the user's name.")] = None,
+) -> None:
     """Connect to every device of a cell and report its health; nothing moves.
 
     One row for each device: identity, firmware, latency, fit of its clock to the cell's, health. A device that fails
     does not keep the others from being tried. Exit code 0: all are healthy; 3: one is not.
 
+    With --commission step by step, each confirmed, into commissioning.json beside the cell file: connections,
+    telegrams, trips by hand, then what moves: a tenth of a degree, stops, one touch. The next call goes on where this
+    one ended.
+
     Example: cellctl doctor sphere_cell
     """
-    refuse_outputs({"--json": json_}, [cell])
-    require_cells()
+    refuse_outputs({"--json": json_, "--page": page}, [cell])
+    if not commission and (clock or yes or operator or not motion):
+        raise typer.BadParameter("--clock, --no-motion, --yes and --operator go with --commission")
     drivers = DriverRegistry()
+    if page and not commission:
+        write_page(Cell.load(cell, drivers), page)
+        return
+    require_cells()
     loaded = Cell.load(cell, drivers)
     show_warnings(loaded)
+    if commission:
+        name = operator or getpass.getuser()
+        commission_cell(loaded, drivers, name, seed=seed, clock=clock, motion=motion, yes=yes, page=page, json_=json_)
     found = asyncio.run(examination(loaded, drivers, seed))
     if json_ != "-":
         _show(found.devices)

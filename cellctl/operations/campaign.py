@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
 from cellctl.clock import WallClock
 from cellctl.devices import Conditions
 from cellctl.devices.cell import Cell
+from cellctl.devices.commissioning_record import commissioning_warnings
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats import RobotFile, artefact_of
@@ -101,7 +102,7 @@ def _cell(
     if cell.simulated:
         problems += simulation_errors(cell.document, path)
     problems += _robot_and_artefact(cell)
-    return cell
+    return replace(cell, warnings=(*cell.warnings, *commissioning_warnings(cell, drivers)))
 
 
 def _robot_and_artefact(cell: Cell) -> list[Problem]:

@@ -12,6 +12,7 @@ from cellctl.report._page import (
 )
 from cellctl.report._run import Run
 from cellctl.report.budget import Contribution, Sigma
+from cellctl.report.commissioning import commissioning_page
 
 __all__ = [
     "FILE_NAME",
@@ -20,6 +21,7 @@ __all__ = [
     "Run",
     "Sections",
     "Sigma",
+    "commissioning_page",
     "render",
     "report_pictures",
     "report_text",

@@ -5,15 +5,16 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from math import log
 from typing import Any, final
 from urllib.parse import parse_qsl, urlsplit
 
 from sims.krc._eki_messages import TableDesk, print_ident
 from sims.krc._eki_server import EkiServer
-from sims.krc._program import Program
+from sims.krc._program import MODES, Program
 from sims.krc._rsi_exchange import AxisCorrection, LateCounter, RsiContext, RsiLink, RsiSettings, target_of
 from sims.krc._rsi_session import program_of
-from sims.krc._servo import CurrentDisplay, DriveMonitor, Servo
+from sims.krc._servo import LAG_MS, CurrentDisplay, DriveMonitor, Servo
 from sims.krc._tables import Tables, state_of_tables, tables_from
 from sims.krc._telegram import AXES, BadConfig, EthernetConfig, TelegramFormat, Value, read_config
 from sims.scene.arm import MovingArm
@@ -21,6 +22,8 @@ from sims.simulator import Refused, Request, Setup, with_settings
 from sims.world.world import World
 
 KSS = "V8.6.11"
+LONGEST_DELAY = 0.8
+"""Of a telegram, in cycles."""
 
 
 @final
@@ -41,6 +44,7 @@ class KrcServers:
             "rsi_target": lambda message: self.set_rsi_target(*target_of(message)),
             "acknowledge": lambda message: self.acknowledge(),
             "own_program": self.take_program,
+            "by_hand": lambda message: self.select_mode(str(message.get("action"))),
         }
 
     def set_rsi_target(self, host: str, port: int) -> None:
@@ -51,6 +55,12 @@ class KrcServers:
         """Acknowledge the message at the pendant. Raises Refused where its cause is still there."""
         if not self._program.acknowledge():
             raise Refused("the controller moves, or its safety chain is open")
+
+    def select_mode(self, mode: str) -> None:
+        """Turn the mode selector. Raises Refused for a mode that it does not have."""
+        if mode not in MODES:
+            raise Refused(f"the mode selector has {', '.join(MODES)}")
+        self._program.select_mode(mode)
 
     def take_program(self, message: dict[str, Any]) -> None:
         """A program of the user's own, to be run by `OWN`. Raises Refused."""
@@ -78,6 +88,7 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
     currents = CurrentDisplay(setup.scene.motor_currents, cell.simulate.seed)
     late = LateCounter(settings.timeout_cycles, settings.counter)
     draw = random.Random(f"{cell.simulate.seed} controller")
+    lag = cell.simulate.errors["servo"] if settings.lag_ms is None else settings.lag_ms / LAG_MS
     link = RsiLink(kernel)
 
     def mark() -> int:
@@ -93,12 +104,13 @@ def start(setup: Setup, correction: AxisCorrection | None = None) -> KrcServers:
         telegram=TelegramFormat(config, settings.precision, _values(arm, world, currents, late, mark)),
         settings=settings,
         late=late,
-        servo=Servo(speeds, settings.cycle_ms * 1e-3, cell.simulate.errors["servo"]),
+        servo=Servo(speeds, settings.cycle_ms * 1e-3, lag),
         drives=DriveMonitor(speeds, settings.cycle_ms * 1e-3),
         correction=correction or AxisCorrection(relative=settings.mode == "relative"),
         limits=tuple((joint.min, joint.max) for joint in joints),
         # IPOC is the controller's own count since its start: it begins neither at 0 nor at the cell's time
         ipoc_offset_ms=draw.randrange(10_000, 1_000_000_000),
+        delay_ns=_delays(settings, cell.simulate.seed),
     )
     serial = f"SIM-{draw.randrange(10**6):06d}"
     ident = print_ident(serial, cell.robot.name, KSS, settings.rsi_on if settings.hello == "rsi_on" else None)
@@ -124,6 +136,13 @@ def rsi_settings(settings: Mapping[str, Any], address: str) -> RsiSettings:
         "cycle_ms": 12 if query.get("cycle") == "ipo" else 4,
     }
     return RsiSettings(**{**settings, **{name: settings[name] or value for name, value in addressed.items()}})
+
+
+def _delays(settings: RsiSettings, seed: int) -> Callable[[], int]:
+    """The delay of each telegram on its way, ns: exponential, and short enough to be answered in its cycle."""
+    draw, longest_ms = random.Random(f"{seed} telegram delay"), LONGEST_DELAY * settings.cycle_ms
+    mean_ms = settings.jitter_ms / log(2.0)  # of an exponential distribution with this median
+    return lambda: round(min(draw.expovariate(1.0 / mean_ms), longest_ms) * 1e6) if mean_ms else 0
 
 
 def _query(address: str) -> dict[str, str]:

@@ -266,9 +266,9 @@ def print_ident(serial: str, model: str, kss: str, rsi_on: tuple[str, str] | Non
     return f'<Ident Serial={quoteattr(serial)} Model={quoteattr(model)} KSS={quoteattr(kss)}{named} Version="1"/>'
 
 
-def print_state(sequence: int, prog: str, message: str, joints: Joints) -> bytes:
-    """`<Stat …>`; the mode is always EXT."""
-    head = f'<Stat Seq="{sequence}" Mode="EXT" Prog="{prog}" Msg={quoteattr(message)}>'
+def print_state(sequence: int, mode: str, prog: str, message: str, joints: Joints) -> bytes:
+    """`<Stat …>`."""
+    head = f'<Stat Seq="{sequence}" Mode="{mode}" Prog="{prog}" Msg={quoteattr(message)}>'
     return f"{head}{_joints(joints)}</Stat>".encode()
 
 

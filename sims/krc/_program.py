@@ -21,6 +21,9 @@ from sims.scene.safety import Safety
 LEAST_PERCENT = 0.01
 """Slower, a move would take days: to the PC it looks as if it never ended."""
 
+MODES = ("EXT", "T1")
+"""Operating modes. T1 only shows: speeds are not reduced."""
+
 EMERGENCY_STOP = "KSS00001 EMERGENCY STOP"
 GUARD_OPEN = "KSS00207 Operator safety / safety fence open"
 NO_ENABLE = "KSS00203 General motion enable"
@@ -83,6 +86,7 @@ class Program:
         self._rsi_on: Event | None = None
         self._send: Send | None = None
         self._sequence = 0
+        self._mode = MODES[0]
         memory.keep("program", lambda: {"message": self._message})
         rsi.faults.on_start("robot.stop", lambda: self.fail(EMERGENCY_STOP))
         rsi.faults.on_start("rsi.restart", self._restart_rsi)
@@ -106,7 +110,7 @@ class Program:
     def send_state(self) -> None:
         """Send the state."""
         self._sequence += 1
-        self._put(print_state(self._sequence, self._prog, self._message, self._robot.readings()))
+        self._put(print_state(self._sequence, self._mode, self._prog, self._message, self._robot.readings()))
 
     def execute(self, document: bytes) -> None:
         """Execute a document's command, or reply why not."""
@@ -145,6 +149,14 @@ class Program:
         self._change(Prog.ERROR, message)
         if self._running or self._path:
             self._stop(Code.CONTROLLER_STOP, message)
+
+    def select_mode(self, mode: str) -> None:
+        """Somebody turns the mode selector; a motion is stopped."""
+        if mode != self._mode:
+            self._mode = mode
+            if self._running or self._path:
+                self._stop(Code.STOPPED, f"{mode} was selected")
+            self.send_state()
 
     def acknowledge(self) -> bool:
         """Somebody acknowledges the message at the pendant; false where its cause is still there."""
@@ -201,6 +213,8 @@ class Program:
             return Code.NOT_READY, self._message
         if not self._safety.motion_enabled:
             return Code.NOT_READY, NO_ENABLE
+        if self._mode != MODES[0] and self._rsi.settings.t1 == "refused":
+            return Code.NOT_READY, "the mode is not EXT"
         if command.op in ("RSI", "CORRON") and self._path:
             return Code.BUSY, "RSI is on beside the program's motions"
         if command.op in ("RSI", "CORRON", "CORROFF"):

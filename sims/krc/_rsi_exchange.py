@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from sims.faults import Faults
-from sims.kernel import Hold, Kernel
+from sims.kernel import Event, Hold, Kernel
 from sims.krc._servo import DriveMonitor, Servo
 from sims.krc._telegram import Element, EthernetConfig, Reply, TelegramFormat, read_reply
 from sims.scene.arm import MovingArm
@@ -198,6 +198,8 @@ class RsiSettings:
     `mode`: what the controller's program passes to RSI_ON, absolute or relative. `hello`: whether HELLO names mode and
     cycle (rsi_on), or not, as in older programs (short). `mark`: whether telegrams have a number of their session.
     `port`: of the next session, kept or new. `restart_cycles`: from a session's end to the next one (rsi.restart).
+    `jitter_ms`: median delay of a telegram. `lag_ms`: of an axis, None: by `errors.servo`. `t1`: whether the program
+    moves in T1, allowed or refused.
     """
 
     cycle_ms: int
@@ -209,6 +211,9 @@ class RsiSettings:
     port: str
     restart_cycles: int
     hello: str
+    jitter_ms: float
+    lag_ms: float | None
+    t1: str
 
     @property
     def rsi_on(self) -> tuple[str, str]:
@@ -219,7 +224,10 @@ class RsiSettings:
 @final
 @dataclass(frozen=True, slots=True)
 class RsiContext:
-    """What stays the same from one RSI_ON to the next. `limits`: lowest and highest reading of each axis, degrees."""
+    """What stays the same from one RSI_ON to the next. `limits`: lowest and highest reading of each axis, degrees.
+
+    `delay_ns`: of the next telegram on its way.
+    """
 
     kernel: Kernel
     robot: MovingArm
@@ -234,6 +242,7 @@ class RsiContext:
     correction: AxisCorrection
     limits: tuple[tuple[float, float], ...]
     ipoc_offset_ms: int
+    delay_ns: Callable[[], int]
 
     def past_limit(self, joints: Joints) -> str:
         """The message of an axis past its software limit, or nothing."""
@@ -256,6 +265,7 @@ class RsiExchange:
         self._awaiting = False
         self._older_in_a_row = 0
         self._reply: Reply | None = None
+        self._late: Event | None = None
 
     def begin(self) -> None:
         """RSI_ON."""
@@ -267,6 +277,8 @@ class RsiExchange:
 
     def end(self) -> None:
         """RSI_OFF."""
+        if self._late:
+            self._late.cancel()
         self._c.link.on_datagram = lambda data: None
         self._c.link.answered()
 
@@ -284,8 +296,14 @@ class RsiExchange:
         silent = faults.active("rsi.silent") is not None
         self._awaiting = not silent and not config.only_send
         if not silent and not faults.active("rsi.drop"):
-            within_ns = self._c.settings.cycle_ms * MS if self._awaiting else None
-            self._c.link.send(self._c.telegram.print(self._ipoc), answer_within_ns=within_ns)
+            telegram, delay_ns = self._c.telegram.print(self._ipoc), self._c.delay_ns()
+            within_ns = self._c.settings.cycle_ms * MS - delay_ns if self._awaiting else None
+            if delay_ns:
+                self._late = self._c.kernel.after(
+                    delay_ns, lambda: self._c.link.send(telegram, answer_within_ns=within_ns)
+                )
+            else:
+                self._c.link.send(telegram, answer_within_ns=within_ns)
 
     def taken(self, *, correct: bool = True) -> str:
         """What the last telegram's answer, or its absence, brings about; the controller's message or nothing.

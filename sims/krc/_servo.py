@@ -10,6 +10,7 @@ from typing import final
 from sims.scene.motions import FULL_SPEED_AFTER_S, Joints, State
 
 TIME_CONSTANT_S = 0.012
+LAG_MS = 2e3 * TIME_CONSTANT_S
 
 
 @final
@@ -17,9 +18,9 @@ class Servo:
     """The position loops of all axes, advanced one interpolation cycle at a time.
 
     ẍ = ω²(u − x) − 2ωẋ with ω = 1/12 ms, the set-point u going evenly from the last cycle's to this one's (the
-    controller's fine interpolation), so that at a constant speed the axis is 24 ms behind. Change of velocity in a
-    cycle is bounded by max_speed / 0.4 s, velocity by max_speed. `scale` 0 … 1 shortens lag and widens the bounds; with
-    0 the axis is at its set-point.
+    controller's fine interpolation), so that at a constant speed the axis is `LAG_MS` = 24 ms behind. Change of
+    velocity in a cycle is bounded by max_speed / 0.4 s, velocity by max_speed. `scale` shortens (or lengthens) lag and
+    widens the bounds; with 0 the axis is at its set-point.
     """
 
     def __init__(self, max_speeds: Sequence[float], cycle_s: float, scale: float) -> None:

@@ -25,8 +25,22 @@ SIMULATOR = Simulator(
     start=_start,
     section="plc",
     settings=(
-        Setting("delay_least_ms", "number", 5.0, 0.0, what="Shortest time from a request to its answer."),
-        Setting("delay_most_ms", "number", 20.0, 0.0, what="Longest time from a request to its answer."),
+        Setting(
+            "delay_least_ms",
+            "number",
+            5.0,
+            0.0,
+            what="Shortest time from a request to its answer.",
+            measured="connection.latency_least_ms",
+        ),
+        Setting(
+            "delay_most_ms",
+            "number",
+            20.0,
+            0.0,
+            what="Longest time from a request to its answer.",
+            measured="connection.latency_most_ms",
+        ),
         Setting("clamp_ms", "number", 300.0, 0.0, what="Time that the clamp takes from one end to the other."),
     ),
     faults=(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from functools import partial
-from typing import final
+from typing import Any, final
 
 from sims.faults import Faults
 from sims.kernel import Event, Kernel
 from sims.plc._address import HEARTBEAT, low_first, unit_of
 from sims.plc._modbus import ILLEGAL_VALUE, NO_TARGET, Frame, FrameStream, ModbusException, answer, exception
 from sims.scene.scene import Scene
-from sims.simulator import Request, Setup, with_settings
+from sims.simulator import Refused, Request, Setup, with_settings
 from sims.wires import Client, TcpServer
 
 SCAN_NS = 100_000_000
@@ -216,7 +216,8 @@ class PlcServer:
         self._end = TcpServer(setup.kernel, setup.wire, lambda client: Talk(setup.kernel, client, self))
         self.port = self._end.port
         self.address = with_settings(setup.address, f"127.0.0.1:{self.port}")
-        self.requests: dict[str, Request] = {}
+        self.requests: dict[str, Request] = {"by_hand": self._by_hand}
+        self._safety = setup.scene.safety
         setup.faults.on_start("plc.gone", self._end.hang_up)
         setup.faults.on_end("plc.gone", self._end.listen)
 
@@ -229,6 +230,17 @@ class PlcServer:
         if request.unit != self._unit:
             return exception(request.pdu, NO_TARGET)
         return answer(request.pdu, self.program)
+
+    def _by_hand(self, message: dict[str, Any]) -> None:
+        """Somebody opens the guard, or presses the emergency stop; `reset` puts it back. Raises Refused."""
+        actions = {
+            "open guard": self._safety.open_guard,
+            "press emergency stop": self._safety.open_emergency_stop,
+        }
+        act = actions.get(str(message.get("action")))
+        if act is None:
+            raise Refused(f"by hand there are {', '.join(actions)}")
+        act()
 
     def close(self) -> None:
         """Hang up on every client, and stop listening."""

@@ -25,8 +25,22 @@ SIMULATOR = Simulator(
     start=_start,
     section="probe",
     settings=(
-        Setting("usb_delay_ms", "number", 1.0, 0.0, what="Grid of the adapter's polls; 0: none."),
-        Setting("bounce", "whole", 2, step=2, what="Further edges of a contact: it opens and closes again."),
+        Setting(
+            "usb_delay_ms",
+            "number",
+            1.0,
+            0.0,
+            what="Grid of the adapter's polls; 0: none.",
+            measured="connection.latency_spread_ms",
+        ),
+        Setting(
+            "bounce",
+            "whole",
+            2,
+            step=2,
+            what="Further edges of a contact: it opens and closes again.",
+            measured="trip.bounces",
+        ),
     ),
     faults=(
         FaultKind("probe.closed", "the loop is closed", (FOR_MS,)),

@@ -12,7 +12,7 @@ from sims.probe._address import ARM, CONTACT, baud_of
 from sims.probe._firmware import Crystal, Firmware, State
 from sims.probe._lines import HostLine, Receiver, Transmitter, parse_host_line
 from sims.scene.contact import ContactLoop
-from sims.simulator import Request, Setup, with_path
+from sims.simulator import Refused, Request, Setup, with_path
 from sims.wires import Terminal
 
 CLOSED_MV = 40
@@ -21,6 +21,10 @@ BROKEN_MV = 4950
 
 BOUNCE_NS = (50_000, 1_000_000)
 """Between these after the edge a contact opens and closes again."""
+
+
+BY_HAND_NS = 300_000_000
+"""So long a touch by hand lasts."""
 
 
 def bounce_delays(draw: random.Random, edges: int) -> list[int]:
@@ -45,6 +49,13 @@ class Circuit:
         for name in ("probe.closed", "probe.wire_break", "probe.no_contact"):
             faults.on_start(name, self._settle)
             faults.on_end(name, self._settle)
+
+    def touch_by_hand(self, action: object) -> None:
+        """Somebody touches the tip with a wire, and lets go. Raises Refused for anything else."""
+        if action != "touch":
+            raise Refused("by hand the probe is touched: action touch")
+        self._contact(True)
+        self._kernel.after(BY_HAND_NS, lambda: self._contact(False))
 
     def _contact(self, closed: bool) -> None:
         for event in self._bouncing:
@@ -173,10 +184,10 @@ class ProbeServer:
         self._wire = setup.wire
         self._terminal = Terminal(kernel, self._host_speaks, self._host_hangs_up)
         self.address = with_path(setup.address, self._terminal.path)
-        self.requests: dict[str, Request] = {}
         circuit = Circuit(kernel, setup.scene.contact, faults, seed, setup.settings["bounce"])
         grid_ns = round(setup.settings["usb_delay_ms"] * 1e6)
         self._probe = build(kernel, circuit, seed, baud_of(setup.address), grid_ns, self._deliver)
+        self.requests: dict[str, Request] = {"by_hand": lambda message: circuit.touch_by_hand(message.get("action"))}
         self._probe.on_state = lambda state: faults.announce(EVENTS[state]) if state in EVENTS else None
         faults.on_start("probe.reset", lambda: self._probe.reset("WATCHDOG"))
 

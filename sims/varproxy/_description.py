@@ -24,8 +24,22 @@ SIMULATOR = Simulator(
     section="varproxy",
     settings=(
         Setting("proxy", "word", C3, among=(C3, KUKAVARPROXY), what="Which server answers; only one has files."),
-        Setting("delay_least_ms", "number", 4.0, 0.0, what="Shortest time that a request takes."),
-        Setting("delay_most_ms", "number", 12.0, 0.0, what="Longest time that a request takes."),
+        Setting(
+            "delay_least_ms",
+            "number",
+            4.0,
+            0.0,
+            what="Shortest time that a request takes.",
+            measured="connection.latency_least_ms",
+        ),
+        Setting(
+            "delay_most_ms",
+            "number",
+            12.0,
+            0.0,
+            what="Longest time that a request takes.",
+            measured="connection.latency_most_ms",
+        ),
     ),
     faults=(
         FaultKind("varproxy.gone", "every connection is closed, and nothing answers at its port", (FOR_MS,)),

@@ -68,6 +68,9 @@ def test_the_shipped_cell_is_read_with_the_documents_defaults(sphere_cell):
         "restart_cycles": 3,
         "mode": None,
         "hello": "rsi_on",
+        "jitter_ms": 0.0,
+        "lag_ms": None,
+        "t1": "allowed",
     }
     assert cell.simulate.settings["rsi"] == rsi
     assert cell.simulate.settings["probe"] == {"usb_delay_ms": 1.0, "bounce": 2}
