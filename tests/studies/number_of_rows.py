@@ -1,7 +1,8 @@
-"""Accuracy against the number of rows: positions of a real UR10, touches of a simulated KR5 (25 minutes).
+"""Accuracy against the number of rows: positions of a real UR10, touches of a simulated KR5 (35 minutes).
 
 UR10 (`measurements_grid.csv` of the public data): the 800 rows of docs/reference/data-sets.md are drawn from, and its
-3000 others judge; then rows near one posture. KR5: one campaign of 120 + 30 touches for each robot; random ones of the
+3000 others judge; then rows near one posture; then of 1500 rows at random the first ones, and those that `cellctl plan
+--optimal` would choose. KR5: one campaign of 120 + 30 touches for each robot; random ones of the
 120 identify, the 30 and the simulator's truth over the workspace judge. Prints a line for each fit. A study and no
 test: it judges nothing.
 """
@@ -20,7 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.formats import ModelFile
+from cellctl.formats import ModelFile, RobotFile
+from cellctl.installed import shipped
+from cellctl.operations.optimal_plan import Aim, OptimalChoice
 from tests.helpers.runs import CELL, ROOT, cellctl
 from tests.helpers.simulated_data import volumetric_errors
 from tests.studies._runner import Row, Study, Table, each
@@ -30,6 +33,10 @@ MEASURED = [f"measurement_{name}" for name in ("x", "y", "z", "temperature")]
 COLUMNS = ["q1", "q2", "q3", "q4", "q5", "q6", "X", "Y", "Z", "temperature", "set"]
 NEAR = 1000
 """Rows nearest to one posture, from which the rows *near one posture* are drawn."""
+CANDIDATES = 1500
+"""Random rows of which some are chosen."""
+CHOICES = {"at random": "", "optimal": "auto", "optimal for geometry": "geometry"}
+"""How they are chosen, and under which model."""
 
 Line = Sequence[str]
 
@@ -40,15 +47,18 @@ def units(asked: Namespace) -> Iterator[Row]:
     for seed in range(1, asked.draws + 1):
         yield from each(**ur10, poses=(10, 20, 40, 80, 160, 320), near=[False], seed=[seed])
         yield from each(**ur10, poses=(40, 160), near=[True], seed=[seed])
+        yield from each(**ur10, poses=(20, 40, 80), choice=CHOICES, seed=[seed])
     yield from each(**ur10, poses=[800], near=[False], seed=[0])
     yield from each(robot=["KR5"], seed=asked.seeds)
 
 
-def measure(robot: str, seed: int, public: str = "", poses: int = 0, near: bool = False) -> Row:
+def measure(robot: str, seed: int, public: str = "", poses: int = 0, near: bool = False, choice: str = "") -> Row:
     """The figures of the robot's fits: one of the UR10, all of the KR5."""
     with tempfile.TemporaryDirectory() as folder:
         if robot == "KR5":
             return {"fits": list(of_touches(seed, Path(folder)))}
+        if choice:
+            return {"fits": [of_chosen(Path(public), poses, choice, seed, Path(folder))]}
         return {"fits": [of_positions(Path(public), poses, near, seed, Path(folder))]}
 
 
@@ -74,6 +84,20 @@ def of_positions(public: Path, count: int, near: bool, seed: int, folder: Path) 
     else:
         chosen = random.Random(seed).sample(pool, count) if seed else pool
     rows = [[*lines[index], name] for name, part in (("fit", chosen), ("test", judges)) for index in part]
+    return fitted("ur10", [COLUMNS, *rows], folder)
+
+
+def of_chosen(public: Path, count: int, choice: str, seed: int, folder: Path) -> Row:
+    """Rows chosen among random ones, none of them for judging."""
+    lines = positions(public)
+    order = random.Random(1).sample(range(len(lines)), len(lines))
+    candidates = random.Random(seed).sample(order[:800] + order[3800:], CANDIDATES)
+    chosen = candidates[:count]
+    if model := CHOICES[choice]:
+        robot = RobotFile.load(shipped("robot")["ur10"])
+        readings = robot.joint_map().readings(np.array([lines[row][:6] for row in candidates], dtype=float))
+        chosen = [candidates[at] for at in OptimalChoice(robot, Aim(model=model))(readings, count)]
+    rows = [[*lines[row], name] for name, part in (("fit", chosen), ("test", order[800:3800])) for row in part]
     return fitted("ur10", [COLUMNS, *rows], folder)
 
 
@@ -116,7 +140,8 @@ def tables(found: list[Row], _: Namespace) -> Iterator[Table]:
                 title = f"KR5 {row['seed']}, {fit['touches']} touches, draw {fit['draw']}:"
                 predicted = f"workspace RMS {fit['workspace_rms']:.3f}, predicted {fit['predicted_volumetric_rms']:.3f}"
             else:
-                draw = f"{' near one' if row['near'] else ''}, draw {row['seed']}" if row["seed"] else ""
+                how = f" {row['choice']}" if "choice" in row else " near one" if row["near"] else ""
+                draw = f"{how}, draw {row['seed']}" if row["seed"] else ""
                 title = f"UR10, {row['poses']} poses{draw}:"
                 predicted = f"predicted RMS {fit['predicted_test_rms']:.3f}"
             yield Table(f"{title} mean {fit['mean']:.3f}, {predicted} {fit['verdict']}")
