@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
@@ -10,15 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.calibration import Task
-from cellctl.calibration.model.learnt_map import LearntMap
-from cellctl.calibration.model.residual_model import PostureBasis
-from cellctl.calibration.model.unknowns import State
-from cellctl.calibration.prediction.predict import shape_columns
-from cellctl.calibration.residuals.discrepancy import Discrepancy
-from cellctl.calibration.rows import Measured
 from cellctl.compensation.postures import stated_posture
 from cellctl.files import InputError, Problem
 from cellctl.formats import DataSet, ModelFile, RobotFile, from_prior, measurements
+from cellctl.formats.design_problem import design_problem
 from cellctl.formats.measurements.columns import SIGMAS
 from cellctl.formats.targets import read_targets
 from cellctl.kinematics import Floats, abc_from_rotation
@@ -84,11 +79,11 @@ class OptimalChoice:
 
     def __call__(self, readings: Floats, count: int) -> NDArray[np.int_]:
         """Indices (count,) of the best of candidate readings (M, n), deg. Raises InputError."""
-        task, block = self._task(readings)
-        state = task.fixed_by([task.model] * len(task.sessions), task.rows)
-        covariance, asked = _prior_covariance(task, state), self._asked(task, state, readings)
-        columns = block.jacobian(state) / block.sigma[..., None]
-        found = chosen_rows(covariance, columns, asked, count, self._aim.criterion)
+        problem = design_problem(self._task(readings))
+        places = readings if self._targets is None else self._targets
+        some = places[np.unique(np.linspace(0, len(places) - 1, TASK_PLACES).astype(int))]
+        asked = problem.places(self._robot.joint_map().model(some))
+        found = chosen_rows(problem.covariance, problem.candidates, asked, count, self._aim.criterion)
         without = float(found.without_one_mm.max(initial=found.sigma_mm)) / found.sigma_mm
         self.figures = DesignFigures(
             criterion=self._aim.criterion,
@@ -98,14 +93,14 @@ class OptimalChoice:
             even_largest_mm=found.even_largest_mm,
             without_one_percent=100.0 * (without - 1.0),
             exchanged=found.exchanged,
-            parameters=int(np.count_nonzero(np.diag(covariance))),
-            candidates=len(columns),
-            task=len(asked) // 3,
+            parameters=int(np.count_nonzero(np.diag(problem.covariance))),
+            candidates=len(readings),
+            task=len(some),
         )
         return np.array(found.rows)
 
-    def _task(self, readings: Floats) -> tuple[Task, Measured]:
-        """A fit of the candidates as if they were measured, and its rows."""
+    def _task(self, readings: Floats) -> Task:
+        """A fit of the candidates as if they were measured."""
         robot, axes = self._robot, [f"A{axis}" for axis in range(1, readings.shape[1] + 1)]
         poses = robot.chain().forward(robot.joint_map().model(readings))
         sigma = float(np.hypot(self._aim.sigma_mm, robot.repeatability / np.sqrt(3.0)))
@@ -119,22 +114,7 @@ class OptimalChoice:
         measured = measurements(robot, data, model=self._aim.model)
         if self._prior is not None:
             measured = from_prior(measured, self._prior, file=str(self._aim.prior))
-            return measured.task, measured.task.rows.blocks[0]
-        task = measured.task
-        tried = [each for each in task.candidates or () if each.chosen == "tried"]
-        effects = [each for each in (*task.model.effects, *tried) if not isinstance(each, LearntMap)]
-        if task.candidates is not None:  # `auto`: as its fit may end, with what its terms leave
-            basis = PostureBasis.over(task.rows.q)
-            effects.append(Discrepancy(basis.centres, basis.length_rad))
-        return replace(task.with_effects(tuple(effects)), candidates=None), task.rows.blocks[0]
-
-    def _asked(self, task: Task, state: State, readings: Floats) -> Floats:
-        """Derivative (3 N, P) of the task's places among each other by the parameters, mm."""
-        places = readings if self._targets is None else self._targets
-        some = places[np.unique(np.linspace(0, len(places) - 1, TASK_PLACES).astype(int))]
-        model = state.models[0]
-        columns = shape_columns(model, self._robot.joint_map().model(some))
-        return np.asarray(state.spread(columns[:, None, :], 0)[:, 0, :])
+        return measured.task
 
     def _readings_of(self, file: Path) -> Floats:
         """Readings (N, n), deg, in which the nominal robot reaches the targets of a file. Raises InputError."""
@@ -159,11 +139,3 @@ class OptimalChoice:
         if problems:
             raise InputError(problems)
         return np.array(found)
-
-
-def _prior_covariance(task: Task, state: State) -> Floats:
-    """Covariance (P, P) of the parameters before any row; 0 for those that are held."""
-    unknowns = task.unknowns(state)
-    if unknowns.prior is not None:
-        return unknowns.prior
-    return np.diag(np.where(task.free_parameters(unknowns), unknowns.sigma, 0.0) ** 2)

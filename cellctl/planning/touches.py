@@ -7,7 +7,7 @@ stems and plate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self, final
 
@@ -32,6 +32,7 @@ class PlannedTouch:
     `origin`: where the last touch ended, or home; `approach`: from there to clear of the sphere; `start`, `end`: of the
     search; `search_mm`: the tip's way between them by the nominal model; `retreat`: back to `start`, to clear of the
     sphere, and home after the last one. `reference`: it repeats an earlier touch, to see what has changed since.
+    `chosen`: it was taken by a `BestTouches`.
     """
 
     sphere: str
@@ -42,6 +43,7 @@ class PlannedTouch:
     search_mm: float
     retreat: tuple[tuple[float, ...], ...]
     reference: bool = False
+    chosen: bool = False
 
 
 @final
@@ -55,6 +57,7 @@ class Candidate:
     end: Array
     search_mm: float
     reference: bool = False
+    chosen: bool = False
 
     @classmethod
     def of(cls, touch: PlannedTouch) -> Self:
@@ -77,7 +80,7 @@ def ordered(candidates: Sequence[Candidate], ways: Ways, home: Array) -> list[Ca
 
 def with_references(tour: Sequence[Candidate], every: int, reference: Candidate) -> list[Candidate]:
     """`tour` with a return to `reference` after each `every` touches."""
-    again = replace(reference, reference=True)
+    again = replace(reference, reference=True, chosen=False)
     parts = [list(tour[first : first + every]) for first in range(0, len(tour), every)]
     return [touch for part in parts for touch in ([*part, again] if len(part) == every else part)]
 
@@ -99,6 +102,7 @@ def linked(tour: Sequence[Candidate], ways: Ways, home: Array) -> list[PlannedTo
                 touch.search_mm,
                 tuple(_row(q) for q in retreat),
                 touch.reference,
+                touch.chosen,
             )
         )
         here = touch.clear
@@ -168,6 +172,19 @@ class RobotPostures:
     touch: tuple[tuple[float, ...], ...]
 
 
+@final
+@dataclass(frozen=True)
+class BestTouches:
+    """Besides the touches of the plan, the best of `candidates[i]` more on sphere i.
+
+    choose: from the sphere (M,) and the readings at the contact (M, n), deg, of all candidates, the indices of those
+    that are touched.
+    """
+
+    candidates: tuple[int, ...]
+    choose: Callable[[NDArray[np.int_], Array], NDArray[np.int_]]
+
+
 def plan_touches(
     chain: SerialChain,
     joints: JointMap,
@@ -181,13 +198,14 @@ def plan_touches(
     plate: Plate | None = None,
     reference_every: int = 0,
     reference: PlannedTouch | None = None,
+    best: BestTouches | None = None,
 ) -> list[PlannedTouch]:
     """Plan `counts[i]` touches on `spheres[i]`, in an order whose ways are clear, beginning and ending at home.
 
     The first touch's approach begins at `postures.home`; the last one's retreat ends there. A sphere with a count of 0
     is only kept clear of; so are `plate` (else one 100 mm below the lowest centre) and the stems on it. After each
     `reference_every` touches (0: never) comes a return to `reference`, a touch of an earlier plan, or else to this
-    plan's first. The same seed gives the same touches. Raises OutOfReach naming the
+    plan's first. `best` adds those that it chooses. The same seed gives the same touches. Raises OutOfReach naming the
     sphere on which too few touches are reachable.
     """
     options = options or TouchOptions()
@@ -195,15 +213,25 @@ def plan_touches(
     body = Body(chain, joints, options.thickness)
     ways = Ways(body, reach, Obstacles(around, plate or Plate.assumed(around)), options.clearance)
     chosen: list[Candidate] = []
+    more: list[tuple[int, Candidate]] = []
     for index, count in enumerate(counts):
         most = count * options.tried
-        found = _candidates(chain, joints, ways, postures, spheres[index], index, most, seed, options) if most else []
+        wanted = most + (best.candidates[index] if best else 0)
+        found = (
+            _candidates(chain, joints, ways, postures, spheres[index], index, wanted, seed, options) if wanted else []
+        )
+        found, more = found[:most], more + [(index, each) for each in found[most:]]
         if len(found) < count:
             raise OutOfReach(
                 f"only {len(found)} of {count} touches on sphere {spheres[index].name} can be reached within the joint "
                 f"limits and clear of spheres, stems and plate"
             )
         chosen += _farthest_apart(found, body, count) if most > count else found
+    if best:
+        share = options.guard / (options.guard + options.depth)
+        contacts = np.array([each.start + share * (each.end - each.start) for _, each in more])
+        taken = best.choose(np.array([index for index, _ in more]), contacts)
+        chosen += [replace(more[at][1], chosen=True) for at in taken.tolist()]
     home = np.array(postures.home)
     tour = ordered(chosen, ways, home)
     if reference_every:

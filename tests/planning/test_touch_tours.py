@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cellctl.formats import RobotFile
-from cellctl.planning import OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning import BestTouches, OutOfReach, PlannedTouch, SphereTarget, TouchOptions, plan_touches
 from cellctl.planning.ways import Reach
 from tests.helpers.arms import KR5_POSTURES
 
@@ -52,6 +52,35 @@ def tool_to_sphere_mm(start, end, sphere: SphereTarget) -> float:
     shares = np.linspace(0.0, 1.0, 60)[:, None, None]
     points = flange + shares * (tip - flange)
     return float(np.linalg.norm(points - np.array(sphere.centre), axis=-1).min()) - sphere.contact_radius
+
+
+def test_the_best_of_more_candidates_join_the_tour_and_are_marked() -> None:
+    seen = []
+
+    def choose(spheres, readings):
+        seen.append((spheres, readings))
+        return np.array([1, 4])
+
+    plain = tour([3, 2])
+    touches = plan_touches(
+        ROBOT.chain(),
+        ROBOT.joint_map(),
+        LIMITS,
+        KR5_POSTURES,
+        SPHERES,
+        [3, 2],
+        3,
+        best=BestTouches((4, 2), choose),
+        reference_every=3,
+    )
+    [(spheres, readings)] = seen
+    assert spheres.tolist() == [0] * 4 + [1] * 2
+    chosen = [touch for touch in touches if touch.chosen]
+    assert {touch.end for touch in touches if not touch.chosen and not touch.reference} == {each.end for each in plain}
+    assert sorted(touch.sphere for touch in chosen) == ["P1", "S1"]
+    share = TouchOptions().guard / (TouchOptions().guard + TouchOptions().depth)
+    contacts = {tuple(np.round(np.array(t.start) + share * (np.array(t.end) - t.start), 3)) for t in chosen}
+    assert contacts == {tuple(np.round(readings[at], 3)) for at in (1, 4)}
 
 
 def test_after_every_so_many_touches_the_tour_returns_to_the_first_one_along_the_same_line() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -19,11 +19,15 @@ def names_of(spheres: str) -> list[str]:
     return [name.strip() for name in spheres.split(",") if name.strip()]
 
 
+Choice: TypeAlias = Literal["even", "optimal"]
+"""How the touches of the fit are chosen: spread evenly, or by the least predicted error."""
+
+
 class PlanInputs(StepInputs):
     """Number of touches, spheres (names separated by commas; empty: all), and frequency of returns to the first.
 
     `reference_every`: touches between two visits to the first touch, 0 for none. `prove_on`: the later proof
-    sphere of the model, which must not be among those of the fit.
+    sphere of the model, which must not be among those of the fit. `use_distances`: of the later fit.
     """
 
     fit: Annotated[int, Field(ge=5)]
@@ -31,6 +35,8 @@ class PlanInputs(StepInputs):
     spheres: str = ""
     reference_every: Annotated[int, Field(ge=0)] = 0
     prove_on: str = ""
+    choice: Choice = "even"
+    use_distances: bool = True
 
     @property
     def names(self) -> list[str]:

@@ -12,12 +12,23 @@ import numpy as np
 from cellctl.files import InputError
 from cellctl.formats import ModelFile, RobotFile, artefact_of, postures_of
 from cellctl.formats.artefact import Artefact, Sphere
-from cellctl.planning import OutOfReach, PlannedTouch, Plate, RobotPostures, SphereTarget, TouchOptions, plan_touches
+from cellctl.planning import (
+    BestTouches,
+    OutOfReach,
+    PlannedTouch,
+    Plate,
+    RobotPostures,
+    SphereTarget,
+    TouchOptions,
+    plan_touches,
+)
 from cellctl.planning.touches import spheres_of
 from cellctl.planning.ways import Obstacles, Reach
 from cellctl.procedure import CellContext, StepContext
+from procedures.steps.sphere.plan_inputs import Choice
 from procedures.steps.sphere.reference_touches import last_number
 from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow
+from procedures.steps.sphere.touch_choice import TouchChoice
 from procedures.steps.sphere.touch_plans import TouchPlan, TouchSet
 
 _REMEMBERED = 8
@@ -25,19 +36,50 @@ _PLANNED: dict[str, list[PlannedTouch]] = {}
 """The last plans, by all that they follow from: what a check before the run plans, the run need not plan again."""
 
 
+CANDIDATES = 8
+"""Candidates of an optimal choice for each touch of the fit."""
+
+
 def planned_touches(
-    context: CellContext, fit: int, held_out: int, names: Sequence[str], reference_every: int
+    context: CellContext,
+    fit: int,
+    held_out: int,
+    names: Sequence[str],
+    reference_every: int,
+    choice: Choice = "even",
+    use_distances: bool = True,
 ) -> list[TouchPlan]:
     """The touches; the held-out ones drawn at random, evenly over the spheres `names` (or all).
 
-    After each `reference_every` (0: never) follows a return to the first. Raises InputError if the cell has no such
-    sphere, or too few touches are in reach.
+    Those of the fit are spread evenly too, or, `optimal`, chosen (`TouchChoice`). After each `reference_every` (0:
+    never) follows a return to the first. Raises InputError if the cell has no such sphere, or too few touches are in
+    reach.
     """
     spheres = _named(context, names)
+    if choice == "optimal":
+        return _best_touches(context, fit, held_out, spheres, reference_every, use_distances)
     counts = dict(zip(spheres, _even(fit + held_out, len(spheres)), strict=True))
     touches = plan_on(context, counts, context.seed, reference_every=reference_every)
     sets = _sets(touches, spheres, held_out, context.seed)
     return [as_plan(number, touch, of) for number, (touch, of) in enumerate(zip(touches, sets, strict=True))]
+
+
+def _best_touches(
+    context: CellContext, fit: int, held_out: int, spheres: Sequence[str], reference_every: int, use_distances: bool
+) -> list[TouchPlan]:
+    """Held-out touches as ever, apart from the choice; those of the fit the best of many candidates."""
+    artefact = artefact_of(context.cell, ("artefact",))
+    names = tuple(sphere.id for sphere in artefact.spheres)
+    more = dict(zip(spheres, _even(CANDIDATES * fit, len(spheres)), strict=True))
+    choose = TouchChoice(RobotFile.load(context.robot_file), artefact, names, fit, use_distances)
+    touches = plan_on(
+        context,
+        dict(zip(spheres, _even(held_out, len(spheres))[::-1], strict=True)),
+        context.seed,
+        reference_every=reference_every,
+        best=BestTouches(tuple(more.get(name, 0) for name in names), choose),
+    )
+    return [as_plan(number, touch, "fit" if touch.chosen else "test") for number, touch in enumerate(touches)]
 
 
 def plan_on(
@@ -50,6 +92,7 @@ def plan_on(
     options: TouchOptions | None = None,
     reference_every: int = 0,
     reference: PlannedTouch | None = None,
+    best: BestTouches | None = None,
 ) -> list[PlannedTouch]:
     """`counts[name]` touches on each sphere, by paths clear of all spheres of the cell and their plate.
 
@@ -76,6 +119,7 @@ def plan_on(
         plate=plate_of(artefact),
         reference_every=reference_every,
         reference=reference,
+        best=best,
     )
     key = repr((robot, work.args[2:], work.keywords))
     try:
@@ -91,9 +135,10 @@ def plan_on(
 
 def check_plan(context: CellContext, known: Mapping[str, Any], names: Sequence[str]) -> None:
     """Raise InputError if the touches for `sphere.plan` cannot be planned."""
-    wanted = {"fit", "held_out", "reference_every"}
+    wanted = {"fit", "held_out", "reference_every", "choice", "use_distances"}
     if wanted <= known.keys():
-        planned_touches(context, known["fit"], known["held_out"], names, known["reference_every"])
+        fit, held_out, every = known["fit"], known["held_out"], known["reference_every"]
+        planned_touches(context, fit, held_out, names, every, known["choice"], known["use_distances"])
     else:
         _named(context, names)
 

@@ -35,7 +35,14 @@ def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     """Plan the touches: reachable, spread over spheres and wrist orientations, by ways clear of the spheres."""
     touches = await context.clock.compute(
-        planned_touches, context, inputs.fit, inputs.held_out, inputs.names, inputs.reference_every
+        planned_touches,
+        context,
+        inputs.fit,
+        inputs.held_out,
+        inputs.names,
+        inputs.reference_every,
+        inputs.choice,
+        inputs.use_distances,
     )
     context.say(
         f"planned {inputs.fit + inputs.held_out} touches: {inputs.fit} to identify from, {inputs.held_out} held out"

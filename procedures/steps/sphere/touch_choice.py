@@ -1,0 +1,46 @@
+"""The touches of a fit that leave the least predicted error, chosen among those that can be made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellctl.formats import DataSet, RobotFile, measurements
+from cellctl.formats.artefact import Artefact
+from cellctl.formats.design_problem import design_problem
+from cellctl.kinematics import Floats
+from cellctl.kinematics.low_discrepancy import spread_over
+from cellctl.planning.design import chosen_rows
+
+PLACES = 256
+"""Places over the joints of the candidates over which the predicted error is averaged."""
+
+
+@final
+@dataclass(frozen=True)
+class TouchChoice:
+    """Chooses `count` touches by the mean variance of the robot's places among each other, under all terms that `auto`
+    tries, a discrepancy, and the centres of the spheres (without these, all touches would be on one sphere).
+
+    artefact: the cell's, with its certified distances if `use_distances`. names: of the spheres, in the plan's order.
+    """
+
+    robot: RobotFile
+    artefact: Artefact
+    names: tuple[str, ...]
+    count: int
+    use_distances: bool
+
+    def __call__(self, spheres: NDArray[np.int_], readings: Floats) -> NDArray[np.int_]:
+        """Indices (count,) among candidates: the sphere (M,) and readings at the contact (M, n), deg, of each."""
+        axes = tuple(f"A{axis}" for axis in range(1, readings.shape[1] + 1))
+        cells = tuple((*row, self.names[index]) for row, index in zip(readings.tolist(), spheres, strict=True))
+        data = DataSet("candidates", (*axes, "sphere"), cells, tuple(range(2, len(cells) + 2)))
+        found = measurements(self.robot, data, artefact=self.artefact, use_distances=self.use_distances)
+        problem, joints = design_problem(found.task), self.robot.joint_map()
+        q = joints.model(readings)
+        asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), PLACES, scramble=False))
+        return np.array(chosen_rows(problem.covariance, problem.candidates, asked, self.count).rows)
