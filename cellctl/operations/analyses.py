@@ -21,6 +21,7 @@ from cellctl.operations.exporting import ExportOptions, exported, model_source, 
 from cellctl.operations.failure import ABORTED, MEANINGS, Failure
 from cellctl.operations.fit_options import Asked, Judging
 from cellctl.operations.fitting import FitInput, fit_rows
+from cellctl.operations.programs import LeftPlace, PathFigures
 from cellctl.operations.results import as_json, from_json
 from cellctl.operations.robot_suggestion import Suggestions, doubt_of, suggest_robots
 from cellctl.operations.understanding import Understood, read_data, understand
@@ -155,6 +156,52 @@ class Outcome:
 
 @final
 @dataclass(frozen=True)
+class ProgramEntry:
+    """A program that was compensated with the model of an analysis: see `ProgramFigures`. files: written ones."""
+
+    id: str
+    name: str
+    kind: Literal["program"]
+    files: tuple[str, ...]
+    compensated: int
+    left: tuple[LeftPlace, ...]
+    correction_mm: dict[str, float]
+    correction_deg: dict[str, float]
+    before_mm: dict[str, float]
+    after_mm: dict[str, float]
+    tool_shift_mm: float | None
+    paths: tuple[PathFigures, ...]
+
+    @property
+    def predicted(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Predicted errors before and after, mm."""
+        return self.before_mm, self.after_mm
+
+
+@final
+@dataclass(frozen=True)
+class TargetsEntry:
+    """A list of targets that was compensated: see `row_figures`. files: written ones."""
+
+    id: str
+    name: str
+    kind: Literal["targets"]
+    files: tuple[str, ...]
+    compensated: int
+    left: tuple[LeftPlace, ...]
+    max_correction_deg: float
+    predicted_before_mm: dict[str, float]
+    predicted_after_mm: dict[str, float]
+    sigma_mm: dict[str, float] | None
+
+    @property
+    def predicted(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Predicted errors before and after, mm."""
+        return self.predicted_before_mm, self.predicted_after_mm
+
+
+@final
+@dataclass(frozen=True)
 class AnalysisState(Analysis):
     """The record of an analysis, its state, how its fit ended, and the files that can be downloaded.
 
@@ -165,7 +212,7 @@ class AnalysisState(Analysis):
     process: int | None = None
     outcome: Outcome | None = None
     files: Sequence[str] = ()
-    programs: Sequence[dict[str, Any]] = ()
+    programs: tuple[ProgramEntry | TargetsEntry, ...] = ()
 
 
 @final
@@ -320,10 +367,13 @@ def fit_analysis(folder: Path, settings: FitSettings, progress: Progress = silen
     return outcome
 
 
-def programs(folder: Path) -> list[dict[str, Any]]:
-    """The compensated programs of an analysis: id, name, figures and files."""
+def programs(folder: Path) -> tuple[ProgramEntry | TargetsEntry, ...]:
+    """The compensated programs of an analysis, and targets."""
     results = sorted(folder.glob("programs/*/result.json"), key=lambda path: int(path.parent.name))
-    return [found for path in results if (found := read_json(path))]
+    found = [content for path in results if (content := read_json(path))]
+    return tuple(
+        from_json(ProgramEntry, each) if each["kind"] == "program" else from_json(TargetsEntry, each) for each in found
+    )
 
 
 def read_json(path: Path) -> dict[str, Any] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.files import InputError, Problem, write_atomically
@@ -12,9 +12,9 @@ from cellctl.formats import DataSet, ModelFile
 from cellctl.formats.dataset import text_of
 from cellctl.formats.table_making import row_figures
 from cellctl.formats.targets import read_targets
-from cellctl.operations.analyses import MODEL, inside, write_json
+from cellctl.operations.analyses import MODEL, ProgramEntry, TargetsEntry, inside, write_json
 from cellctl.operations.compensating import compensate_targets
-from cellctl.operations.programs import ProgramOptions, compensate_files, is_program, program_files
+from cellctl.operations.programs import LeftPlace, ProgramOptions, compensate_files, is_program, program_files
 from cellctl.operations.results import as_json
 from cellctl.pendant_import import choices, imported_targets
 
@@ -45,7 +45,7 @@ def new_program(folder: Path) -> Path:
 
 def compensate_analysis(
     folder: Path, number: str, request: ProgramRequest, progress: Progress = silent
-) -> dict[str, Any]:
+) -> ProgramEntry | TargetsEntry:
     """Compensate the files of `programs/NUMBER`; writes them beside, and `result.json` with name, files and figures.
 
     Raises InputError where the model, the files or a point do not allow it.
@@ -58,9 +58,11 @@ def compensate_analysis(
     with inside(folder / "programs" / number / "given"):
         out = Path("..")
         config, main = _parts(request)
-        found = _program(model, main, config, request, out) if is_program(main) else _targets(model, main, request, out)
-        result = {"id": number, "name": main.name, **found}
-        write_json(out / "result.json", result)
+        if is_program(main):
+            result: ProgramEntry | TargetsEntry = _program(number, model, main, config, request, out)
+        else:
+            result = _targets(number, model, main, request, out)
+        write_json(out / "result.json", as_json(result))
     return result
 
 
@@ -77,39 +79,56 @@ def _parts(request: ProgramRequest) -> tuple[Path | None, Path]:
     return config, main[0]
 
 
-def _program(model: Any, src: Path, config: Path | None, request: ProgramRequest, out: Path) -> dict[str, Any]:
+def _program(
+    number: str, model: ModelFile, src: Path, config: Path | None, request: ProgramRequest, out: Path
+) -> ProgramEntry:
     files = program_files(src, config)
     options = ProgramOptions(config, request.tool or None, request.base or None, None, request.insert, request.arm_only)
     made = compensate_files(model, MODEL, files, "pseudo-target", options, None)
     paths = files.outputs(out)
     for part, content in made.texts().items():
         write_atomically(paths[part], content)
-    written = [path.name for path in paths.values() if path.is_file()]
-    figures = as_json(made.figures())
-    kept = ("compensated", "left", "correction_mm", "correction_deg", "before_mm", "after_mm", "tool_shift_mm", "paths")
-    return {"kind": "program", "files": written, **{name: figures[name] for name in kept}}
+    figures = made.figures()
+    return ProgramEntry(
+        id=number,
+        name=src.name,
+        kind="program",
+        files=tuple(path.name for path in paths.values() if path.is_file()),
+        compensated=figures.compensated,
+        left=figures.left,
+        correction_mm=figures.correction_mm,
+        correction_deg=figures.correction_deg,
+        before_mm=figures.before_mm,
+        after_mm=figures.after_mm,
+        tool_shift_mm=figures.tool_shift_mm,
+        paths=figures.paths,
+    )
 
 
-def _targets(model: Any, file: Path, request: ProgramRequest, out: Path) -> dict[str, Any]:
-    data, decided = _target_set(file, request)
+def _targets(number: str, model: ModelFile, file: Path, request: ProgramRequest, out: Path) -> TargetsEntry:
+    data, left = _target_set(file, request)
     made = compensate_targets(model, read_targets(data, model.robot), data.file)
     name = f"{file.stem}-compensated.csv"
     write_atomically(out / name, made.csv())
     figures = row_figures(made.rows)
-    kept = ("max_correction_deg", "predicted_before_mm", "predicted_after_mm", "sigma_mm")
-    return {
-        "kind": "targets",
-        "files": [name],
-        "compensated": figures["rows"],
-        "left": decided,
-        **{name: figures[name] for name in kept},
-    }
+    return TargetsEntry(
+        id=number,
+        name=file.name,
+        kind="targets",
+        files=(name,),
+        compensated=figures["rows"],
+        left=left,
+        max_correction_deg=figures["max_correction_deg"],
+        predicted_before_mm=figures["predicted_before_mm"],
+        predicted_after_mm=figures["predicted_after_mm"],
+        sigma_mm=figures["sigma_mm"],
+    )
 
 
-def _target_set(file: Path, request: ProgramRequest) -> tuple[Any, list[dict[str, Any]]]:
+def _target_set(file: Path, request: ProgramRequest) -> tuple[DataSet, tuple[LeftPlace, ...]]:
     """The targets as a data set, and what an import left out."""
     if file.suffix.lower() == ".csv" and not request.orientation:
-        return DataSet.load(file), []
+        return DataSet.load(file), ()
     found = imported_targets(file, choices({"orientation": request.orientation or None}))
-    left = [{"file": row.file, "line": row.line, "name": row.name, "reason": row.reason} for row in found.left_out]
+    left = tuple(LeftPlace(row.file, row.line, row.name, row.reason) for row in found.left_out)
     return DataSet.parse(text_of(found.records), file.name), left

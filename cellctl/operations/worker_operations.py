@@ -34,7 +34,7 @@ def compensate(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder`, `number`, `program` → the compensated program."""
     given = request["program"]
     program = ProgramRequest(**{**given, "files": tuple(given["files"])})
-    return compensate_analysis(Path(request["folder"]), request["number"], program, _progress(tell))
+    return as_json(compensate_analysis(Path(request["folder"]), request["number"], program, _progress(tell)))
 
 
 def _progress(tell: Tell) -> Progress:

@@ -134,11 +134,12 @@ def test_a_program_is_compensated_with_its_deviations_and_the_original_is_kept(w
     (given / "$config.dat").rename(given / analyses.safe_name("$config.dat"))
     before = (given / "seam.dat").read_bytes()
     found = compensate_analysis(with_model, given.parent.name, ProgramRequest(("seam.src", "seam.dat", "config.dat")))
-    assert found["files"] == ["seam.src", "seam.dat"]
-    assert found["compensated"] == 5
-    assert found["before_mm"]["mean"] > 1.0 > 0.01 > found["after_mm"]["max"]
+    assert found.files == ("seam.src", "seam.dat")
+    assert found.compensated == 5
+    predicted = found.predicted
+    assert predicted[0]["mean"] > 1.0 > 0.01 > predicted[1]["max"]
     assert (given.parent / "seam.dat").read_bytes() != before == (given / "seam.dat").read_bytes()
-    assert analyses.programs(with_model) == [found]
+    assert analyses.programs(with_model) == (found,)
 
 
 def test_another_robot_is_doubted_with_figures_before_the_fit(tmp_path: Path) -> None:
@@ -155,7 +156,7 @@ def test_targets_are_compensated_to_joints_with_predicted_errors(with_model: Pat
     given = new_program(with_model)
     (given / "targets.csv").write_text(targets_csv(readings_near_the_middle(4)))
     found = compensate_analysis(with_model, given.parent.name, ProgramRequest(("targets.csv",)))
-    assert (found["compensated"], found["files"]) == (4, ["targets-compensated.csv"])
+    assert (found.compensated, found.files) == (4, ("targets-compensated.csv",))
     assert len((given.parent / "targets-compensated.csv").read_text().splitlines()) == 5
 
 
@@ -165,7 +166,7 @@ def test_a_wrong_program_is_refused_at_its_line_and_leaves_no_result(with_model:
     with pytest.raises(InputError) as caught:
         compensate_analysis(with_model, given.parent.name, ProgramRequest(("targets.csv",)))
     assert [(problem.file, problem.line) for problem in caught.value.problems] == [("targets.csv", 2)]
-    assert analyses.programs(with_model) == []
+    assert analyses.programs(with_model) == ()
 
 
 def test_two_programs_at_once_are_refused(with_model: Path) -> None:

@@ -18,6 +18,7 @@ from cellctl.console.commands import REPORT_CONTENT
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.operations import analyses
+from cellctl.operations.analyses import ProgramEntry, TargetsEntry
 from cellctl.operations.results import as_json
 from cellctl.operations.robot_library import robots
 
@@ -71,7 +72,7 @@ class AnalysisOut(BaseModel):
         description="Of the fit: code (exit code of `cellctl fit`), meaning, verdict, sentence, failure, notes"
     )
     files: list[str] = Field(description="Results that can be downloaded")
-    programs: list[dict[str, Any]] = Field(description="Compensated programs: id, name, files, predicted mm")
+    programs: list[ProgramEntry | TargetsEntry] = Field(description="Compensated programs and targets")
     understood: dict[str, Any] | None = Field(
         default=None, description="What the data were understood as: figures, facts in words, problems, suggestions"
     )
@@ -213,8 +214,8 @@ async def program(
 ) -> FileResponse:
     """A file of a compensated program."""
     folder = _folder(name)
-    known = next((each for each in analyses.programs(folder) if each["id"] == number), None)
-    if known is None or file not in known["files"]:
+    known = next((each for each in analyses.programs(folder) if each.id == number), None)
+    if known is None or file not in known.files:
         raise Refused(404, f"there is no compensated file '{file}'", "GET the analysis: `programs` lists them")
     return _download(folder / "programs" / number / file, file)
 

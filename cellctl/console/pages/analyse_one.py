@@ -30,7 +30,7 @@ from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.installed import shipped
 from cellctl.operations import analyses
-from cellctl.operations.analyses import RESULTS, AnalysisState, FitSettings, Understanding
+from cellctl.operations.analyses import RESULTS, AnalysisState, FitSettings, ProgramEntry, TargetsEntry, Understanding
 from cellctl.report.figures import fixed
 
 MODELS = {
@@ -229,24 +229,20 @@ def programs(state: AnalysisState, field: Callable[[], None]) -> None:
             columns = [*words("Program"), *numbers("points", "left as they were", "predicted before, mean, mm")]
             columns += [*numbers("after, mean, mm", "after, max, mm"), *words("Download")]
             figures(columns, [_program(state, each) for each in reversed(state.programs)], label="Programs")
-            left = [
-                f"{one['file']}:{one['line']}: {one['name']}: {one['reason']}"
-                for each in state.programs
-                for one in each["left"]
-            ]
+            left = [f"{one.file}:{one.line}: {one.name}: {one.reason}" for each in state.programs for one in each.left]
             _listed(f"Points left as they were: {len(left)}", left)
 
 
-def _program(state: AnalysisState, each: dict[str, Any]) -> list[Cell]:
+def _program(state: AnalysisState, each: ProgramEntry | TargetsEntry) -> list[Cell]:
     def files() -> None:
         with ui.element("div").classes("row"):
-            for file in each["files"]:
-                place = f"/api/analyses/{state.name}/programs/{each['id']}/{file}"
+            for file in each.files:
+                place = f"/api/analyses/{state.name}/programs/{each.id}/{file}"
                 link_button(file, place, icon="download", download=True)
 
-    before, after = (each.get(f"{key}_mm") or each[f"predicted_{key}_mm"] for key in ("before", "after"))
-    counts = (str(each["compensated"]), str(len(each["left"])))
-    return [each["name"], *counts, *map(fixed, (before["mean"], after["mean"], after["max"])), files]
+    before, after = each.predicted
+    counts = (str(each.compensated), str(len(each.left)))
+    return [each.name, *counts, *map(fixed, (before["mean"], after["mean"], after["max"])), files]
 
 
 def report(state: AnalysisState) -> None:

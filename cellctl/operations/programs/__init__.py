@@ -4,6 +4,8 @@ from cellctl.operations.programs._compensated import CompensatedProgram
 from cellctl.operations.programs._files import (
     LANGUAGES,
     CompensatedFiles,
+    LeftPlace,
+    PathFigures,
     ProgramFigures,
     ProgramOptions,
     compensate_files,
@@ -18,7 +20,9 @@ __all__ = [
     "LANGUAGES",
     "CompensatedFiles",
     "CompensatedProgram",
+    "LeftPlace",
     "Path",
+    "PathFigures",
     "ProgramFigures",
     "ProgramFiles",
     "ProgramOptions",
