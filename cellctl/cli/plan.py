@@ -83,7 +83,7 @@ class Asked:
         if self.method != "optimal":
             for name, value in vars(Aim()).items():
                 if getattr(self.aim, name) != value:
-                    self._add(_AIM_OPTIONS[name], "is for an optimal choice", "--optimal too, or leave it out")
+                    self._add(name.removesuffix("_mm"), "is for an optimal choice", "--optimal too, or leave it out")
         if self.aim.criterion not in CRITERIA:
             self._add("criterion", f"'{self.aim.criterion}' is not known", f"one of {', '.join(CRITERIA)}")
         if self.aim.prior is not None and self.aim.model != Aim.model:
@@ -175,8 +175,6 @@ def _number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-_AIM_OPTIONS = {"criterion": "criterion", "model": "model", "prior": "prior", "task": "task", "sigma_mm": "sigma",
-                "poses": "poses"}  # fmt: skip
 _RANGES = "lower:upper for each, separated by commas; one number is a constant"
 
 
@@ -334,7 +332,7 @@ def _predicted(designed: DesignFigures, count: int) -> list[str]:
     checked = (
         f"without any one row it rises by at most {designed.without_one_percent:.0f} %"
         if designed.checkable
-        else f"no row can be checked by the others: without one it rises by {designed.without_one_percent:.0f} %"
+        else f"without one row, which the others cannot check, it rises by {designed.without_one_percent:.0f} %"
     )
     return [
         f"  predicted 1 σ (3-D) over {designed.task} places of the task after the fit: {designed.sigma_mm:.3f} mm, at "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -13,7 +14,9 @@ from cellctl.calibration.model.residual_model import PostureBasis
 from cellctl.calibration.model.unknowns import State
 from cellctl.calibration.prediction.predict import shape_columns
 from cellctl.calibration.residuals.discrepancy import Discrepancy
+from cellctl.formats.dataset import Cell, DataSet
 from cellctl.kinematics import Floats
+from cellctl.planning.design import updated
 
 
 @final
@@ -31,6 +34,13 @@ class DesignProblem:
         """Derivative (3 N, P), mm, of the TCPs among each other at model angles q (N, n), rad, N ≥ 4."""
         columns = shape_columns(self.state.models[0], q)
         return np.asarray(self.state.spread(columns[:, None, :], 0)[:, 0, :])
+
+
+def candidate_rows(readings: Floats, columns: Mapping[str, Sequence[Cell]]) -> DataSet:
+    """Rows at readings (M, n), deg, as a data set with these columns (M,) besides."""
+    names = (*(f"A{axis}" for axis in range(1, readings.shape[1] + 1)), *columns)
+    cells = tuple(zip(*readings.T.tolist(), *columns.values(), strict=True))
+    return DataSet("candidates", names, cells, tuple(range(2, len(readings) + 2)))
 
 
 def design_problem(task: Task) -> DesignProblem:
@@ -61,7 +71,5 @@ def _covariance(task: Task, state: State) -> Floats:
         known = np.diag(np.where(task.free_parameters(unknowns), unknowns.sigma, 0.0) ** 2)
     if task.spacings is None:
         return known
-    # (C⁻¹ + SᵀS)⁻¹ = C − CSᵀ(1 + SCSᵀ)⁻¹SC, also of a C that is singular
-    rows = (task.spacings.jacobian(state) / task.spacings.sigma[..., None])[:, 0]
-    carried = rows @ known
-    return np.asarray(known - carried.T @ np.linalg.solve(np.eye(len(rows)) + carried @ rows.T, carried))
+    rows = task.spacings.jacobian(state) / task.spacings.sigma[..., None]
+    return updated(known, rows[:, 0])

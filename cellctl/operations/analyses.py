@@ -154,17 +154,22 @@ class Outcome:
         return cls(state, code, "", "", failure, (), MEANINGS[code])
 
 
-@final
 @dataclass(frozen=True)
-class ProgramEntry:
-    """A program that was compensated with the model of an analysis: see `ProgramFigures`. files: written ones."""
-
+class _Entry:
     id: str
     name: str
-    kind: Literal["program"]
+    kind: Literal["program", "targets"]
     files: tuple[str, ...]
     compensated: int
     left: tuple[LeftPlace, ...]
+
+
+@final
+@dataclass(frozen=True)
+class ProgramEntry(_Entry):
+    """A program that was compensated with the model of an analysis: see `ProgramFigures`. files: written ones."""
+
+    kind: Literal["program"]
     correction_mm: dict[str, float]
     correction_deg: dict[str, float]
     before_mm: dict[str, float]
@@ -180,15 +185,10 @@ class ProgramEntry:
 
 @final
 @dataclass(frozen=True)
-class TargetsEntry:
+class TargetsEntry(_Entry):
     """A list of targets that was compensated: see `row_figures`. files: written ones."""
 
-    id: str
-    name: str
     kind: Literal["targets"]
-    files: tuple[str, ...]
-    compensated: int
-    left: tuple[LeftPlace, ...]
     max_correction_deg: float
     predicted_before_mm: dict[str, float]
     predicted_after_mm: dict[str, float]

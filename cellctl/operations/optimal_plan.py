@@ -10,17 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.calibration import Task
+from cellctl.calibration.prediction.predict import POINTS
 from cellctl.compensation.postures import stated_posture
 from cellctl.files import InputError, Problem
 from cellctl.formats import DataSet, ModelFile, RobotFile, from_prior, measurements
-from cellctl.formats.design_problem import design_problem
+from cellctl.formats.design_problem import candidate_rows, design_problem
 from cellctl.formats.measurements.columns import SIGMAS
 from cellctl.formats.targets import read_targets
 from cellctl.kinematics import Floats, abc_from_rotation
 from cellctl.planning.design import Criterion, chosen_rows
-
-TASK_PLACES = 256
-"""Places over which the predicted error is averaged."""
 
 CHECKABLE_PERCENT = 30.0
 """A row is checked by the others where the predicted error rises by no more without it."""
@@ -81,7 +79,7 @@ class OptimalChoice:
         """Indices (count,) of the best of candidate readings (M, n), deg. Raises InputError."""
         problem = design_problem(self._task(readings))
         places = readings if self._targets is None else self._targets
-        some = places[np.unique(np.linspace(0, len(places) - 1, TASK_PLACES).astype(int))]
+        some = places[np.unique(np.linspace(0, len(places) - 1, POINTS).astype(int))]
         asked = problem.places(self._robot.joint_map().model(some))
         found = chosen_rows(problem.covariance, problem.candidates, asked, count, self._aim.criterion)
         without = float(found.without_one_mm.max(initial=found.sigma_mm)) / found.sigma_mm
@@ -101,16 +99,14 @@ class OptimalChoice:
 
     def _task(self, readings: Floats) -> Task:
         """A fit of the candidates as if they were measured."""
-        robot, axes = self._robot, [f"A{axis}" for axis in range(1, readings.shape[1] + 1)]
+        robot = self._robot
         poses = robot.chain().forward(robot.joint_map().model(readings))
         sigma = float(np.hypot(self._aim.sigma_mm, robot.repeatability / np.sqrt(3.0)))
-        parts = {tuple(axes): readings, ("X", "Y", "Z"): poses[:, :3, 3]}
-        parts[SIGMAS] = np.full((len(readings), 3), sigma)
+        columns = dict(zip("XYZ", poses[:, :3, 3].T.tolist(), strict=True))
+        columns |= dict.fromkeys(SIGMAS, [sigma] * len(readings))
         if self._aim.poses:
-            parts["A", "B", "C"] = abc_from_rotation(poses[:, :3, :3])
-        cells = tuple(map(tuple, np.column_stack(list(parts.values())).tolist()))
-        lines = tuple(range(2, len(readings) + 2))
-        data = DataSet("candidates", tuple(name for names in parts for name in names), cells, lines)
+            columns |= dict(zip("ABC", abc_from_rotation(poses[:, :3, :3]).T.tolist(), strict=True))
+        data = candidate_rows(readings, columns)
         measured = measurements(robot, data, model=self._aim.model)
         if self._prior is not None:
             measured = from_prior(measured, self._prior, file=str(self._aim.prior))

@@ -15,7 +15,7 @@ from cellctl.files import InputError, Problem
 from cellctl.kinematics import Floats, abc_from_rotation, inverse_pose
 from cellctl.krl import CARTESIAN, KrlFile, Motion, Point, Span
 from cellctl.krl.writing import aggregate_text, number_text
-from cellctl.operations.programs._krl_motions import KrlMotions, point_read
+from cellctl.operations.programs._krl_motions import KrlMotions, Part, point_read
 from cellctl.operations.programs._language import (
     FrameKind,
     Gives,
@@ -125,21 +125,21 @@ class KrlProgram:
         self, point: ProgramPoint, values: Mapping[Gives, Floats], turn: int | None
     ) -> tuple[dict[str, str], ProgramPoint]:
         """New components as text, and the point with them as they are rounded: see `Program.rewritten`."""
-        old = self._points[point.key]
+        part, old = self._points[point.key]
         new = dict[str, float]()
         for gives, value in values.items():
             new |= _components(old, gives, value)
         texts = {label: number_text(number) for label, number in new.items()}
         if turn is not None:
             texts["T"] = str(turn)
-        return texts, point_read("dat" if point.part == "dat" else "src", old, {k: float(t) for k, t in texts.items()})
+        return texts, point_read(part, old, {label: float(text) for label, text in texts.items()})
 
     def texts(self, numbers: Mapping[Hashable, Mapping[str, str]], insertions: Sequence[Insertion]) -> dict[str, bytes]:
         """The content of each file with new numbers and motions in parts."""
-        texts: dict[str, dict[Span, str]] = {part: {} for part in self.read.parts}
+        texts: dict[Part, dict[Span, str]] = {part: {} for part in self.read.parts}
         for key, components in numbers.items():
-            point = self._points[key]
-            texts[self._parts[key]] |= {point.numbers[label].span: text for label, text in components.items()}
+            part, point = self._points[key]
+            texts[part] |= {point.numbers[label].span: text for label, text in components.items()}
         for insertion in insertions:
             texts["src"] = _replacing(
                 texts["src"], _inserted(self.read.src, self._motions[insertion.move.place], insertion)
@@ -147,12 +147,9 @@ class KrlProgram:
         return {part: file.replaced(texts[part]) for part, file in self.read.parts.items()}
 
     @cached_property
-    def _parts(self) -> dict[Hashable, str]:
-        return {(part, point.span): part for part, file in self.read.parts.items() for point in file.points}
-
-    @cached_property
-    def _points(self) -> dict[Hashable, Point]:
-        return {(part, point.span): point for part, file in self.read.parts.items() for point in file.points}
+    def _points(self) -> dict[Hashable, tuple[Part, Point]]:
+        """File and numbers of each point, by its key."""
+        return {(part, point.span): (part, point) for part, file in self.read.parts.items() for point in file.points}
 
     @cached_property
     def _motions(self) -> dict[int, Motion]:

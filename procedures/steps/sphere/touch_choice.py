@@ -8,15 +8,13 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.formats import DataSet, RobotFile, measurements
+from cellctl.calibration.prediction.predict import POINTS
+from cellctl.formats import RobotFile, measurements
 from cellctl.formats.artefact import Artefact
-from cellctl.formats.design_problem import design_problem
+from cellctl.formats.design_problem import candidate_rows, design_problem
 from cellctl.kinematics import Floats
 from cellctl.kinematics.low_discrepancy import spread_over
 from cellctl.planning.design import chosen_rows
-
-PLACES = 256
-"""Places over the joints of the candidates over which the predicted error is averaged."""
 
 
 @final
@@ -36,11 +34,9 @@ class TouchChoice:
 
     def __call__(self, spheres: NDArray[np.int_], readings: Floats) -> NDArray[np.int_]:
         """Indices (count,) among candidates: the sphere (M,) and readings at the contact (M, n), deg, of each."""
-        axes = tuple(f"A{axis}" for axis in range(1, readings.shape[1] + 1))
-        cells = tuple((*row, self.names[index]) for row, index in zip(readings.tolist(), spheres, strict=True))
-        data = DataSet("candidates", (*axes, "sphere"), cells, tuple(range(2, len(cells) + 2)))
+        data = candidate_rows(readings, {"sphere": [self.names[index] for index in spheres]})
         found = measurements(self.robot, data, artefact=self.artefact, use_distances=self.use_distances)
         problem, joints = design_problem(found.task), self.robot.joint_map()
         q = joints.model(readings)
-        asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), PLACES, scramble=False))
+        asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), POINTS, scramble=False))
         return np.array(chosen_rows(problem.covariance, problem.candidates, asked, self.count).rows)
