@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from cellctl.report import ReportSection, Run, Sigma
 from cellctl.report.drawing import ACCENT, BEFORE, HELD_OUT, INK, millimetres, svg_of
 from cellctl.report.figures import error_line, fixed, percent
-from procedures.steps.by_tracker.rows import ByTrackerVerdict, JudgedModel, JudgedPosesRow
+from procedures.steps.by_tracker.verdict import ByTrackerVerdict, JudgedModel, JudgedPosesRow
 
 _MODELS = (
     ("nominal", "nominal robot", BEFORE),

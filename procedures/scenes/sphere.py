@@ -1,4 +1,4 @@
-"""Touches and stand-offs: where they are, and their residuals."""
+"""Touches of spheres, stand-offs and poses at a fixed point: where they are, and their residuals."""
 
 from __future__ import annotations
 
@@ -11,9 +11,33 @@ from cellctl.calibration.rows.fixed_points import sphere_centre
 from cellctl.console.scene.run_points import ROBOTS, Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
 from cellctl.records import Row
-from procedures.scenes.tool import TOOLS, tool_errors
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, StandOffRow, TouchRow
-from procedures.steps.tool.rows import ToolTouchRow
+from procedures.steps.tool.rows import ToolErrorsRow, ToolPoseRow, ToolTouchRow
+
+TOOLS = ("taught tool", "found tool")
+
+
+def _tool_errors(run: SceneRun, n: int) -> tuple[Floats, Floats]:
+    """Errors of the `n` contacts, in the order of measurement, with either tool (N,), mm; NaN: not found yet."""
+    rows, _ = run.rows(ToolErrorsRow)
+    if not rows or len(rows[-1]["taught"]) != n:
+        return np.full(n, np.nan), np.full(n, np.nan)
+    return np.abs(rows[-1]["taught"]), np.abs(rows[-1]["found"])
+
+
+def tool_points(run: SceneRun) -> list[Points]:
+    """Poses with the tip at the fixed point; touches are those of the spheres."""
+    rows, seq = run.rows(ToolPoseRow)
+    if not rows:
+        return []
+    before, after = _tool_errors(run, len(rows))
+    at, label = run.setting.tcp([row["joints"] for row in rows]), [row["number"] for row in rows]
+    group = Points.of("pose", Role.HELD_OUT, label, at, seq=seq, before=before, after=after, compared=TOOLS)
+    return [group]
+
+
+TOOL_SOURCE = SceneSource(points=tool_points)
+
 
 _LEAST = 5
 """Touches of a sphere from which its centre is fitted for a preliminary residual: 4 have none."""
@@ -54,7 +78,7 @@ def _touches(run: SceneRun, name: str, kind: type[Row], done: set[int]) -> Itera
     readings = [row["joints"] for row in rows]
     at = run.setting.tcp(readings)
     tool = kind is ToolTouchRow
-    before, after = tool_errors(run, len(rows)) if tool else run.residuals(readings)
+    before, after = _tool_errors(run, len(rows)) if tool else run.residuals(readings)
     if np.isnan(before).all() and kind in (TouchRow, ToolTouchRow):
         before = _preliminary(run, rows, at)
     label, pair = [row["number"] for row in rows], TOOLS if tool else ROBOTS
@@ -138,4 +162,4 @@ def _measured(run: SceneRun, when: str, rows: Rows, seq: Sequence[float]) -> Poi
     return Points.of("stand-off", Role.TARGET, label, at, seq=seq, after=error, sigma=[row["sigma_mm"] for row in rows])
 
 
-SOURCE = SceneSource(points=points, found=found)
+SPHERE_SOURCE = SceneSource(points=points, found=found)

@@ -11,7 +11,7 @@ import pytest
 
 from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
-from procedures.steps.by_tracker.rows import ByTrackerVerdict, JudgedPosesRow
+from procedures.steps.by_tracker.verdict import ByTrackerVerdict, JudgedPosesRow
 from tests.helpers.runs import cellctl
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]

@@ -1,4 +1,4 @@
-"""Instrument and station over the run: nests, return pose, two faces, reflector constant, warm-up, weather, load."""
+"""Instrument and station over the run: nests, checks, warm-up, weather, load; the frames {B} and {T} by turned axes."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from cellctl.kinematics import abc_from_rotation
 from cellctl.report import Contribution, ReportSection, Run, Sigma
 from cellctl.report.figures import fixed, significant, with_sigma
 from procedures.reports.tracker.targets import nests_picture
 from procedures.steps.tracker.rows import (
     ConstantRow,
+    FrameFigures,
+    FramesRow,
     MonumentsRow,
     NestRow,
     PoseRow,
@@ -22,7 +25,7 @@ from procedures.steps.tracker.rows import (
 )
 
 
-def build(run: Run) -> Mapping[str, Any]:
+def _station(run: Run) -> Mapping[str, Any]:
     """Picture and figures."""
     visits, returns = run.state.recorded(MonumentsRow), run.state.recorded(ReturnRow)
     moved = [row for row in visits if row.verdict != "still"]
@@ -97,12 +100,12 @@ def _conditions(run: Run) -> Iterator[tuple[str, str]]:
     yield "absolute accuracy of the controller", "off"
 
 
-SECTION = ReportSection(
+STATION_SECTION = ReportSection(
     id="tracker-station",
     title="Instrument and station",
     order=70,
     needs=(NestRow,),
-    build=build,
+    build=_station,
     environment=environment,
     contributions=contributions,
     sigmas=(
@@ -118,5 +121,80 @@ SECTION = ReportSection(
 <p>{{ sentence }}</p>
 <figure>{{ picture | safe }}</figure>
 {{ pairs(pairs_) }}
+""",
+)
+
+
+def _frames(run: Run) -> Mapping[str, Any] | None:
+    """The frames by place and angles, the circles, the reflector, gravity."""
+    row = run.state.last(FramesRow)
+    if row is None:
+        return None
+    off = float(np.linalg.norm(np.subtract(row.reflector, row.rough)))
+    circles = zip(("A1", "A2", "A5", "A6"), row.radius, row.radius_sigma, row.residual, strict=True)
+    return {
+        "frames": [
+            ("{B}, instrument's frame", _cells(row.base)),
+            ("{T}, instrument's frame", _cells(row.tool)),
+            ("instrument, base frame", _cells(row.station)),
+        ],
+        "circles": [(axis, with_sigma(radius, sigma), significant(rest)) for axis, radius, sigma, rest in circles],
+        "outliers": row.outliers,
+        "reflector": list(map(with_sigma, row.reflector, row.reflector_sigma)),
+        "off": significant(off),
+        "gravity": _gravity(row),
+    }
+
+
+def _cells(frame: FrameFigures) -> list[str]:
+    """X, Y, Z, mm; the turn's A, B, C, deg, with the largest σ of the turn."""
+    matrix = np.array(frame.matrix)
+    places = [with_sigma(value, sigma) for value, sigma in zip(matrix[:3, 3], frame.sigma[:3], strict=True)]
+    angles = [with_sigma(value, max(frame.sigma[3:])) for value in abc_from_rotation(matrix[:3, :3])]
+    return [text.replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}") for text in (*places, *angles)]
+
+
+def _gravity(row: FramesRow) -> str:
+    if row.gravity_deg is None or row.gravity_sigma_deg is None:
+        return "The instrument is not levelled: it shows nothing of gravity."
+    angle = with_sigma(row.gravity_deg, row.gravity_sigma_deg)
+    return f"The levelled instrument's vertical and that of the robot file include {angle}°."
+
+
+FRAMES_SECTION = ReportSection(
+    id="tracker-frames",
+    title="Frames by turned axes",
+    order=30,
+    needs=(FramesRow,),
+    build=_frames,
+    sigmas=(
+        Sigma(
+            "frames ± σ",
+            "one coordinate of a frame; of its angles, the largest of the three turns",
+            "circle fits, with the common part of the instrument's error; errors of the robot's links are not in it",
+            "1 σ",
+        ),
+    ),
+    template="""\
+<p>{B}: z on A1, x along the common perpendicular of A1 and A2. {T}: x on A6, z perpendicular to A5 and A6, origin at
+the reflector.</p>
+<table style="font-size: .74rem">
+<thead><tr><th>frame</th><th>X, mm</th><th>Y, mm</th><th>Z, mm</th><th>A, °</th><th>B, °</th><th>C, °</th></tr></thead>
+<tbody>
+{% for name, cells in frames %}
+<tr><th>{{ name }}</th>{% for cell in cells %}<td>{{ cell }}</td>{% endfor %}</tr>
+{% endfor %}
+</tbody>
+</table>
+<table>
+<thead><tr><th>circle of</th><th>radius, mm</th><th>residual, mm RMS</th></tr></thead>
+<tbody>
+{% for axis, radius, rest in circles %}
+<tr><th>{{ axis }}</th><td>{{ radius }}</td><td>{{ rest }}</td></tr>
+{% endfor %}
+</tbody>
+</table>
+<p>Reflector in the flange frame: {{ reflector | join(", ") }} mm, {{ off }} mm from the cell file's place.
+{% if outliers %}{{ outliers }} points of the circles are outliers and were left out.{% endif %} {{ gravity }}</p>
 """,
 )

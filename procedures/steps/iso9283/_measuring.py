@@ -9,8 +9,8 @@ from pydantic import Field
 
 from cellctl.devices import TableRobot, TableStore
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
+from procedures.steps.iso9283 import CycleInputs, PlanInputs
 from procedures.steps.iso9283._evaluation import evaluated, station_row, verdict_of
-from procedures.steps.iso9283.plan_inputs import CycleInputs, PlanInputs
 from procedures.steps.iso9283.planning import CubePose, CubeRound, compensated, cube_rounds, cube_row, planned
 from procedures.steps.iso9283.rows import IsoPoseRow, IsoVerdict, When
 from procedures.steps.judged import Judged, PushInputs

@@ -23,7 +23,7 @@ from cellctl.operations.table import refuse_table
 from cellctl.planning.measuring_poses import MeasuringArm
 from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext, StepContext, StepResult
-from procedures.steps.iso9283.plan_inputs import CycleInputs
+from procedures.steps.iso9283 import CycleInputs
 from procedures.steps.iso9283.rows import CubeRow
 from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded, turn_posture
 from procedures.steps.tracker.plan_inputs import DEFAULT_METHOD

@@ -10,6 +10,7 @@ from pydantic import Field
 from cellctl.devices import ContactProbe, JointReader, SearchingRobot
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.contact_search import FoundContact, Speeds, search_and_retreat
+from procedures.steps.tool import PlanInputs
 from procedures.steps.tool._solving import (
     Solved,
     ToolTouchPlan,
@@ -19,7 +20,6 @@ from procedures.steps.tool._solving import (
     tool_of_poses,
     tool_of_touches,
 )
-from procedures.steps.tool.plan_inputs import PlanInputs
 from procedures.steps.tool.rows import ToolPoseRow, ToolTouchRow, ToolVerdict
 
 

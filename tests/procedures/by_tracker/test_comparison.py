@@ -16,8 +16,7 @@ from cellctl.devices import MeasuredPoint
 from cellctl.files import load_yaml
 from cellctl.formats import DataSet, ModelFile
 from cellctl.procedure import NoInputs
-from procedures.steps.by_tracker.rows import ByTrackerFigures, ByTrackerVerdict, JudgedPosesRow
-from procedures.steps.by_tracker.verdict import judge
+from procedures.steps.by_tracker.verdict import ByTrackerFigures, ByTrackerVerdict, JudgedPosesRow, judge
 from procedures.steps.sphere.rows import SphereVerdict
 from procedures.steps.sphere.touching import IdentifyInputs, identify
 from procedures.steps.tracker.rows import PoseRow, SetUpRow

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cellctl.engine import State
 from cellctl.journal import Journal, Recorded, RunStarted, SourceFile, StateChanged
 from cellctl.report import write_report
-from procedures.steps.daily._verdict import charts
+from procedures.steps.daily._checking import charts
 from procedures.steps.daily.rows import (
     ControlChartRow,
     DailyPointsRow,

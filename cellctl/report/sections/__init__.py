@@ -1,1 +1,0 @@
-"""The sections that every run has: verdict, failures, identification, compensation table, provenance."""
