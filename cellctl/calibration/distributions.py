@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from cellctl.kinematics.arrays import Floats
+from cellctl.kinematics._frames import Floats
 
 
 def chi2_sf(x: ArrayLike, dof: ArrayLike) -> Floats:

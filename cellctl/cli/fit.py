@@ -17,9 +17,8 @@ from cellctl.cli.exit_codes import SHOWN, Exit
 from cellctl.cli.fit_progress import shown_progress
 from cellctl.files import InputError, write_atomically
 from cellctl.formats import DataSet, ModelFile
-from cellctl.operations.comparing_fits import compare_fits
 from cellctl.operations.fit_options import Asked, Judging, option
-from cellctl.operations.fitting import FitInput, fit_rows
+from cellctl.operations.fitting import FitInput, compare_fits, fit_rows
 from cellctl.operations.predicting import predict_rows
 
 if TYPE_CHECKING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, final
@@ -10,16 +11,17 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
-from cellctl.cli.compared_words import compared_words
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.installed import first_procedure
 from cellctl.journal import RunState, fold, journal_in, read_journal, run_place
 from cellctl.operations import export as exports
-from cellctl.operations.comparing_runs import compare_runs
+from cellctl.operations.comparing_models import ModelDifference, ParameterChange
+from cellctl.operations.comparing_runs import ComparedFigure, RunComparison, compare_runs
 from cellctl.operations.replay import Agreement, ArtefactReplay, FolderFile, Replay, StepReplay, replay_run
 from cellctl.operations.results import as_json
 from cellctl.operations.run_list import RunFilter, RunSummary, run_rows, run_summary
 from cellctl.report import FILE_NAME, write_report
+from cellctl.report.figures import fixed, with_sigma
 
 _COLUMNS = ["run", "began", "state", "points", "verdict", "table"]
 _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
@@ -310,3 +312,44 @@ def _details(differences: list[str], why: tuple[str, ...]) -> list[str]:
 
 def _hash(sha256: str | None) -> str:
     return f"sha256 {sha256[:_SHORT]}" if sha256 else "not made"
+
+
+_MOST_PARAMETERS = 12
+"""Maximum number of parameters shown, those with the largest differences; `--json` has all."""
+
+
+def compared_words(found: RunComparison) -> Iterator[str]:
+    """The comparison, line by line; facts that are the same are shown once."""
+    yield f"a: {found.a}"
+    yield f"b: {found.b}"
+    for fact in found.facts:
+        yield f"  {fact.name:16} {fact.a}" + ("" if fact.same else f"  →  {fact.b}")
+    yield from (f"  {note}" for note in found.notes)
+    for figure in found.figures:
+        yield f"  {figure.name:16} {fixed(figure.a)} → {fixed(figure.b)} mm{_difference(figure)}"
+    if found.models is None:
+        yield f"  No parameters are compared: {found.why_not}."
+        return
+    yield from _of_models(found.models)
+
+
+def _of_models(models: ModelDifference) -> Iterator[str]:
+    yield f"  {models.sentence}"
+    if models.tcp_rms_mm is not None:
+        yield (
+            f"  TCPs of the two models: {fixed(models.tcp_rms_mm)} mm apart (RMS; max {fixed(models.tcp_max_mm)}), "
+            f"with base and tool registered; σ explains {fixed(models.tcp_sigma_mm)} mm."
+        )
+    yield from (f"  Not compared: {each}." for each in models.left_out)
+    for change in models.parameters[:_MOST_PARAMETERS]:
+        yield f"    {change.label:12} {fixed(change.a, 4)} → {fixed(change.b, 4)} {change.unit}{_difference(change)}"
+    if len(models.parameters) > _MOST_PARAMETERS:
+        yield f"    and {len(models.parameters) - _MOST_PARAMETERS} parameters with smaller differences: --json has all"
+
+
+def _difference(each: ComparedFigure | ParameterChange) -> str:
+    if each.difference is None:
+        return ""
+    if each.sigma is None:
+        return f", {fixed(each.difference, 4)} (σ not known)"
+    return f", {with_sigma(each.difference, each.sigma)}{', significant' if each.significant else ''}"

@@ -5,8 +5,17 @@
 """
 
 from cellctl.compensation._compensating import Compensated, compensate
-from cellctl.compensation._corrections import METHODS, MappedErrors, Method, Pass, PredictedErrors
-from cellctl.compensation._nearest_chain import with_frames, with_geometry, with_zeros_and_frames, zeros_of
+from cellctl.compensation._corrections import (
+    METHODS,
+    MappedErrors,
+    Method,
+    Pass,
+    PredictedErrors,
+    with_frames,
+    with_geometry,
+    with_zeros_and_frames,
+    zeros_of,
+)
 from cellctl.compensation.postures import postures
 
 __all__ = [

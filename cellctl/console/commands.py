@@ -22,8 +22,7 @@ from cellctl.installed import shipped_file
 from cellctl.journal import OperatorAction, writer_of
 from cellctl.operations.cell_state import examine_cell
 from cellctl.operations.export import Form
-from cellctl.operations.failure import Failure
-from cellctl.operations.results import as_json, from_json
+from cellctl.operations.results import Failure, as_json, from_json
 from cellctl.operations.run_control import RunOrder, act, resume_detached, start_detached
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, run_named
 from cellctl.operations.run_list import RunSummary, run_rows

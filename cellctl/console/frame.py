@@ -19,7 +19,7 @@ from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.installed import histories
 from cellctl.journal import JournalError
-from cellctl.operations.failure import Failure
+from cellctl.operations.results import Failure
 
 NAVIGATION = (
     ("Analyse", "/analyse"),

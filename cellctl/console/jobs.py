@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from typing import IO, Any, Literal, TypeAlias, final
 
 from cellctl.clock import calendar_time
-from cellctl.operations.failure import ABORTED, Failure
-from cellctl.operations.results import as_json, from_json
+from cellctl.operations.results import ABORTED, Failure, as_json, from_json
 from cellctl.operations.worker import WORKER
 
 State: TypeAlias = Literal["waiting", "running", "done", "failed", "cancelled"]

@@ -12,12 +12,15 @@ from cellctl.devices._cell_io import (
     VariableStore,
 )
 from cellctl.devices._commissioning import CellSteps, Commissioned, CommissioningStep, Figure, Person
-from cellctl.devices._correction import CorrectingRobot, CorrectionModel, CorrectionReport, CorrectionSample
 from cellctl.devices._points import Lock, Matrix3, MeasuredPoint, PointSource, Reflector, TwoFaceError, Vector3, Weather
 from cellctl.devices._protocols import (
     TABLE_CORRECTION_DEG,
     Contact,
     ContactProbe,
+    CorrectingRobot,
+    CorrectionModel,
+    CorrectionReport,
+    CorrectionSample,
     Device,
     Finding,
     Guard,

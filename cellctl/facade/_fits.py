@@ -15,9 +15,8 @@ from cellctl.facade._models import Model, load
 from cellctl.files import write_atomically
 from cellctl.formats import RobotFile, load_artefact
 from cellctl.installed import shipped_file
-from cellctl.operations.comparing_fits import compare_fits
 from cellctl.operations.fit_options import Asked, Judging
-from cellctl.operations.fitting import FitInput, fit_rows
+from cellctl.operations.fitting import FitInput, compare_fits, fit_rows
 from cellctl.report.compared_fits import compared_page
 
 _DEFAULT_PRIOR = Path("prior")

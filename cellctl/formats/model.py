@@ -31,7 +31,7 @@ from cellctl.calibration import Parameter as CalibrationParameter
 from cellctl.calibration.model.residual_model import PostureBasis
 from cellctl.calibration.problem.measured_region import OUTSIDE, Coverage
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
-from cellctl.files.plain_words import content_problems, read_json
+from cellctl.files.validated import content_problems, read_json
 from cellctl.formats._joint_box import JointBox
 from cellctl.formats.load import LoadRegion
 from cellctl.formats.measurements import Measurements, nominal_model

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from cellctl.calibration import Postures
 from cellctl.compensation.online import online_arrays
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
-from cellctl.files.plain_words import content_problems, read_json
+from cellctl.files.validated import content_problems, read_json
 from cellctl.formats.model import REGION_MARGIN_DEG, ModelFile
 from cellctl.robot_file import Number
 

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
-from cellctl.files.plain_words import content_problems, read_json
+from cellctl.files.validated import content_problems, read_json
 from cellctl.kinematics import Floats
 from cellctl.robot_file import Number, RobotFile, Tool
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, final, get_args
 from pydantic import TypeAdapter, ValidationError
 
 from cellctl.files import canonical_json
-from cellctl.files.plain_words import plain_words
+from cellctl.files.validated import plain_words
 from cellctl.records import Json, Row
 
 

@@ -3,6 +3,8 @@
 from cellctl.kinematics._chain import CONVENTIONS, Convention, SerialChain
 from cellctl.kinematics._conversion import settled, to_craig, to_mdh, to_poe
 from cellctl.kinematics._frames import (
+    Bools,
+    Floats,
     abc_from_rotation,
     inverse_pose,
     pose,
@@ -12,7 +14,6 @@ from cellctl.kinematics._frames import (
     rotation_from_quaternion,
     rotation_vector,
 )
-from cellctl.kinematics.arrays import Bools, Floats
 from cellctl.kinematics.controller_readings import JointMap
 from cellctl.kinematics.geometry import AxisTable, JointAxis, Link, LinkTable, TableConvention
 from cellctl.kinematics.inverse import InverseResult, inverse, inverse_from_all, nearest_turn

@@ -15,7 +15,7 @@ from typing import Literal, Self, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.kinematics.arrays import Bools, Floats
+from cellctl.kinematics._frames import Bools, Floats
 from cellctl.kinematics.geometry import (
     TABLE_CONVENTIONS,
     AxisTable,

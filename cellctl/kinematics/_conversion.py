@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from cellctl.kinematics._chain import SerialChain
-from cellctl.kinematics._frames import inverse_pose
-from cellctl.kinematics.arrays import Floats
+from cellctl.kinematics._frames import Floats, inverse_pose
 from cellctl.kinematics.geometry import JointAxis, Link, LinkTable, Segment, TableConvention, segment_matrix
 
 PARALLEL = float(np.sin(np.radians(1.0)))

@@ -1,14 +1,20 @@
 """Frames as 4×4 matrices (mm), and KUKA's notation: X, Y, Z and A, B, C with R = Rz(A) Ry(B) Rx(C), degrees.
 
-A pose "of the tool in the base" takes points given in the tool's frame to the base's.
-"""
+A pose "of the tool in the base" takes points given in the tool's frame to the base's."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import TypeAlias
 
-from cellctl.kinematics.arrays import Floats
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+"""Array of float64; shapes are stated in docstrings, batches as leading axes `(..., 4, 4)`."""
+
+Bools: TypeAlias = NDArray[np.bool_]
+"""Array of truth values."""
+
 
 _HALF_TURN = 1e-6
 """The sine of a turn below which its symmetric part gives its axis better than the skew part."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cellctl.kinematics._chain import SerialChain
-from cellctl.kinematics.arrays import Floats
+from cellctl.kinematics._frames import Floats
 
 
 @final

@@ -19,8 +19,7 @@ from typing import Literal, NamedTuple, Self, TypeAlias, final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.kinematics._frames import inverse_pose, pose
-from cellctl.kinematics.arrays import Floats
+from cellctl.kinematics._frames import Floats, inverse_pose, pose
 
 
 class Motion(NamedTuple):

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cellctl.kinematics._chain import SerialChain
-from cellctl.kinematics._frames import pose_difference
-from cellctl.kinematics.arrays import Bools, Floats
+from cellctl.kinematics._frames import Bools, Floats, pose_difference
 
 
 @final

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cellctl.kinematics.arrays import Floats
+from cellctl.kinematics._frames import Floats
 
 if TYPE_CHECKING:
     from scipy.stats.qmc import Halton, Sobol

@@ -18,11 +18,10 @@ from cellctl.formats import RobotFile, load_artefact
 from cellctl.installed import near, shipped
 from cellctl.journal.journal_file import WriterLock, lock_holder
 from cellctl.operations.exporting import ExportOptions, exported, model_source, read_source
-from cellctl.operations.failure import ABORTED, MEANINGS, Failure
 from cellctl.operations.fit_options import Asked, Judging
 from cellctl.operations.fitting import FitInput, fit_rows
 from cellctl.operations.programs import LeftPlace, PathFigures
-from cellctl.operations.results import as_json, from_json
+from cellctl.operations.results import ABORTED, MEANINGS, Failure, as_json, from_json
 from cellctl.operations.robot_suggestion import Suggestions, doubt_of, suggest_robots
 from cellctl.operations.understanding import Understood, read_data, understand
 from cellctl.pendant_import import choices

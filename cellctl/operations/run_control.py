@@ -22,8 +22,7 @@ from cellctl.files import InputError, Problem, write_atomically
 from cellctl.journal import JournalError, OperatorAction, RunState, fold, last_number, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME
 from cellctl.operations.cell_devices import refuse_in_use
-from cellctl.operations.failure import Failure
-from cellctl.operations.results import as_json, from_json
+from cellctl.operations.results import Failure, as_json, from_json
 from cellctl.operations.run_folder import FAILURE_NAME, OUTPUT_NAME, new_run_folder
 from cellctl.procedure import load_procedure
 

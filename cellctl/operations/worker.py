@@ -16,8 +16,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, TypeAlias
 
-from cellctl.operations.failure import ABORTED, Failure
-from cellctl.operations.results import as_json, from_json
+from cellctl.operations.results import ABORTED, Failure, as_json, from_json
 
 Tell: TypeAlias = Callable[[dict[str, Any]], None]
 Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]

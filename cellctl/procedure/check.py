@@ -8,7 +8,7 @@ from typing import Any, final
 from pydantic import ValidationError
 
 from cellctl.files import Document, InputError, Path, Problem
-from cellctl.files.plain_words import plain_words
+from cellctl.files.validated import plain_words
 from cellctl.procedure._scope import NoSuchPart, Scope, Shape, Unreachable, element_of, kind_of_shape
 from cellctl.procedure._steps import AnyStepKind
 from cellctl.procedure.fields import Findings, did_you_mean, is_number

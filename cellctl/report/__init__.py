@@ -4,6 +4,7 @@ from cellctl.report._page import (
     FILE_NAME,
     ReportSection,
     Sections,
+    commissioning_page,
     render,
     report_pictures,
     report_text,
@@ -12,7 +13,6 @@ from cellctl.report._page import (
 )
 from cellctl.report._run import Run
 from cellctl.report.budget import Contribution, Sigma
-from cellctl.report.commissioning import commissioning_page
 
 __all__ = [
     "FILE_NAME",

@@ -11,6 +11,7 @@ from typing import Any, Self, final
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
+from cellctl.devices.commissioning_record import CellRecord
 from cellctl.files import InputError, write_atomically
 from cellctl.installed import contributions
 from cellctl.records import Row
@@ -178,3 +179,8 @@ def _text(section: ReportSection, run: Run) -> str | None:
     """The section as HTML; None if the run has no data for it."""
     data = section.build(run) if section.serves(run) else None
     return None if data is None else template_of(section.template).render(data)
+
+
+def commissioning_page(record: CellRecord) -> str:
+    """The record as HTML that prints on A4: no script, nothing fetched."""
+    return template("commissioning.html").render(record=record)

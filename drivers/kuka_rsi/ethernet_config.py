@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import final
 from xml.parsers import expat
 
-from drivers.kuka_rsi.axes import AXIS_NAMES
+from drivers.kuka_rsi import AXIS_NAMES
 from drivers.kuka_rsi.cyclic.telegram import CorrectionMode, ReplyTag
 from drivers.kuka_rsi.settings import RsiSettings
 

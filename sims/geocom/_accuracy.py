@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi, radians
 from typing import Any, final
+from urllib.parse import parse_qsl, urlsplit
 
 from sims.world.errors import generator
 
@@ -151,3 +152,21 @@ class Noise:
         self._counts[target] += 1
         key = f"tracker reading {target} {self._pose} {self._counts[target]}"
         return [float(part) for part in generator(self._seed, key).normal(size=3)]
+
+
+BAUD = 9_600
+"""Of an address without `baud`: what instruments are delivered with."""
+
+
+def baud_of(address: str) -> int:
+    """Of the serial line, as the address has it. Raises ValueError where that is no whole number."""
+    return int(_query(address).get("baud", BAUD))
+
+
+def profile_of(address: str) -> str:
+    """Name of the noise profile, as the address has it."""
+    return _query(address).get("accuracy", DEFAULT)
+
+
+def _query(address: str) -> dict[str, str]:
+    return dict(parse_qsl(urlsplit(address).query))

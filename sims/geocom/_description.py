@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from sims.geocom._accuracy import PROFILES
-from sims.geocom._address import baud_of, profile_of
+from sims.geocom._accuracy import PROFILES, baud_of, profile_of
 from sims.simulator import FOR_MS, CannotStart, FaultKind, Setting, Setup, Simulator, Started
 
 

@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, final
 
 from sims.faults import Faults
-from sims.geocom._accuracy import PROFILES
-from sims.geocom._address import baud_of, profile_of
+from sims.geocom._accuracy import PROFILES, baud_of, profile_of
 from sims.geocom._instrument import Build, Instrument, Power
 from sims.geocom._measuring_rpcs import measuring_procedures
 from sims.geocom._motion import Aiming, motion_procedures

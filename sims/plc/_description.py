@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sims.plc._address import HEARTBEAT, unit_of
+from sims.plc._modbus import HEARTBEAT, unit_of
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
 
 

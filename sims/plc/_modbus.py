@@ -13,6 +13,7 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, final
+from urllib.parse import parse_qsl, urlsplit
 
 LONGEST_PDU = 253
 _HEADER = struct.Struct(">HHHB")
@@ -218,3 +219,24 @@ _FUNCTIONS: dict[int, Callable[[bytes, Tables], bytes]] = {
     16: _write_registers,
     43: _identify,
 }
+
+
+HEARTBEAT = "plc.heartbeat"
+UNIT = 1
+
+
+def unit_of(address: str) -> int:
+    """The unit id in the address. Raises ValueError where that is no number from 0 to 255."""
+    unit = int(_query(address).get("unit", UNIT))
+    if not 0 <= unit <= 255:
+        raise ValueError(f"unit {unit}")
+    return unit
+
+
+def low_first(address: str) -> bool:
+    """Whether the low word of a 32-bit value comes first."""
+    return _query(address).get("words") == "low_first"
+
+
+def _query(address: str) -> dict[str, str]:
+    return dict(parse_qsl(urlsplit(address).query))

@@ -9,8 +9,18 @@ from typing import Any, final
 
 from sims.faults import Faults
 from sims.kernel import Event, Kernel
-from sims.plc._address import HEARTBEAT, low_first, unit_of
-from sims.plc._modbus import ILLEGAL_VALUE, NO_TARGET, Frame, FrameStream, ModbusException, answer, exception
+from sims.plc._modbus import (
+    HEARTBEAT,
+    ILLEGAL_VALUE,
+    NO_TARGET,
+    Frame,
+    FrameStream,
+    ModbusException,
+    answer,
+    exception,
+    low_first,
+    unit_of,
+)
 from sims.scene.scene import Scene
 from sims.simulator import Refused, Request, Setup, with_settings
 from sims.wires import Client, TcpServer

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sims.probe._address import ARM, CONTACT, baud_of
+from sims.probe._lines import ARM, CONTACT, baud_of
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import final
+from urllib.parse import parse_qsl, urlsplit
 
 from sims.kernel import Event, Kernel
 from sims.wires import wire_time_ns
@@ -201,3 +202,12 @@ class Receiver:
         for line, count in lines:
             self._kernel.at(start + wire_time_ns(count, self._baud), partial(self._understand, line))
         return [line for line, _ in lines]
+
+
+ARM, CONTACT = "probe.arm", "probe.contact"
+BAUD = 250_000
+
+
+def baud_of(address: str) -> int:
+    """Of the serial line, as the address has it. Raises ValueError where that is no whole number."""
+    return int(dict(parse_qsl(urlsplit(address).query)).get("baud", BAUD))

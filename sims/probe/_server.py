@@ -8,9 +8,8 @@ from typing import Protocol, final
 
 from sims.faults import Faults
 from sims.kernel import Event, Hold, Kernel
-from sims.probe._address import ARM, CONTACT, baud_of
 from sims.probe._firmware import Crystal, Firmware, State
-from sims.probe._lines import HostLine, Receiver, Transmitter, parse_host_line
+from sims.probe._lines import ARM, CONTACT, HostLine, Receiver, Transmitter, baud_of, parse_host_line
 from sims.scene.contact import ContactLoop
 from sims.simulator import Refused, Request, Setup, with_path
 from sims.wires import Terminal

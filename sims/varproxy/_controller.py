@@ -9,12 +9,13 @@ from typing import Any, final
 from sims.scene.motions import Joints
 from sims.simulator import CannotStart, Refused, Request, Setup, with_settings
 from sims.varproxy import _proxy
-from sims.varproxy._names import C3, ROW
 from sims.varproxy._program import KvpProgram
 from sims.varproxy._proxy import (
+    C3,
     GENERAL,
     PROTOCOL,
     READ,
+    ROW,
     WRITE,
     BadRequest,
     Fields,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from urllib.parse import urlsplit
 
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
-from sims.varproxy._names import C3, JOB, KUKAVARPROXY, ROW
+from sims.varproxy._proxy import C3, JOB, KUKAVARPROXY, ROW
 
 
 def _start(setup: Setup) -> Started:

@@ -8,7 +8,7 @@ from sims.faults import Faults
 from sims.kernel import Event, Kernel
 from sims.memory import Memory
 from sims.scene.scene import Scene
-from sims.varproxy._names import JOB
+from sims.varproxy._proxy import JOB
 from sims.varproxy._variables import DataList
 
 CYCLE_NS = 12_000_000

@@ -12,6 +12,11 @@ from sims.faults import Faults
 from sims.simulator import Setup
 from sims.wires import Client, TcpServer
 
+JOB = "varproxy.job"
+ROW = "varproxy.row"
+C3, KUKAVARPROXY = "c3_bridge", "kukavarproxy"
+
+
 GENERAL, SUCCESS, ACCESS, MEMORY, NOT_IMPLEMENTED, PROTOCOL = 0, 1, 2, 4, 7, 9
 """Error codes of an answer's footer."""
 

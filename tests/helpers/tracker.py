@@ -35,8 +35,7 @@ from procedures.steps.tracker.circles import AXES
 from procedures.steps.tracker.reflectors import points_of
 from procedures.steps.tracker.rows import CompensatedRow, PoseRow, TargetsRow, TrackerVerdict, TurnRow, VisitedRow
 from sims.cell import SimCell, read_cell
-from sims.geocom._accuracy import ARCSEC, PROFILES, set_up_of
-from sims.geocom._address import profile_of
+from sims.geocom._accuracy import ARCSEC, PROFILES, profile_of, set_up_of
 from sims.geocom._optics import AxisErrors, direction_of, levelled, point_at, tilt_of, to_instrument
 from sims.world import World
 from sims.world.true_places import TrueReflectors, TrueStation

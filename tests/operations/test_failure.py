@@ -12,8 +12,7 @@ from cellctl.devices import errors
 from cellctl.devices.errors import DeviceError
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError
-from cellctl.operations.failure import Failure
-from cellctl.operations.results import as_json, from_json
+from cellctl.operations.results import Failure, as_json, from_json
 
 PROBLEMS = (Problem("data.csv", 0, 0, "is empty"), Problem("robot.yaml", 3, 7, "no such joint", "1 to 6"))
 KINDS = [each for each in vars(errors).values() if isinstance(each, type) and issubclass(each, DeviceError)]

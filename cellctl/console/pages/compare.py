@@ -32,7 +32,7 @@ from cellctl.operations.comparing_runs import (
     compare_runs,
     parameter_drift,
 )
-from cellctl.operations.failure import Failure
+from cellctl.operations.results import Failure
 from cellctl.operations.run_folder import run_named
 from cellctl.operations.run_list import RunSummary
 from cellctl.report.figures import fixed, with_sigma

@@ -15,7 +15,13 @@ from cellctl.formats.artefact import Artefact
 from cellctl.formats.dataset import DataSet, Rejected, Sieve, joint_readings
 from cellctl.formats.description import in_poe
 from cellctl.formats.load import two_centres
-from cellctl.formats.measurements._conditions import Conditions
+from cellctl.formats.measurements._conditions import (
+    Conditions,
+    posture_numbers,
+    reject_copies,
+    reject_lone,
+    reject_lone_zeros,
+)
 from cellctl.formats.measurements._model_choice import POE, ModelChoice, ModelTerms
 from cellctl.formats.measurements._rows import Reading, reject_point_names
 from cellctl.formats.measurements._sessions import (
@@ -37,12 +43,6 @@ from cellctl.formats.measurements.kinds import (
     kinds_of,
     noun_of,
     reject_zeros,
-)
-from cellctl.formats.measurements.repeats import (
-    posture_numbers,
-    reject_copies,
-    reject_lone,
-    reject_lone_zeros,
 )
 from cellctl.kinematics import Floats
 from cellctl.robot_file import RobotFile

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from xml.sax.saxutils import escape
 
 from cellctl.devices import Address, Surroundings
-from drivers.kuka_rsi.axes import AXIS_NAMES
+from drivers.kuka_rsi import AXIS_NAMES
 from drivers.kuka_rsi.controller_files.rsi_context import (
     CONTEXT_NAME,
     MONITOR_ABOVE_DEG,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import final
 from xml.sax.saxutils import quoteattr
 
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 from drivers.kuka_rsi.cyclic.session import InterpolationCycle
 from drivers.kuka_rsi.cyclic.telegram import CorrectionMode
 

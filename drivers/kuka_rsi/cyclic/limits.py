@@ -30,7 +30,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self, final
 
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 
 Correction = tuple[float, ...]
 """Offset of A1…A6 from the pose at RSI_ON, degrees."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import final
 
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 
 FORMAT = 1
 """Of the arrays' names, sizes and order; both sides are of one installation, so that another one is an error."""

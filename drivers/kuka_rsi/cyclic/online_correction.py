@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, final
 
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 from drivers.kuka_rsi.cyclic.following import NotFollowed
 from drivers.kuka_rsi.cyclic.limits import Correction, CorrectionMotion, Limit, OnlineLimits, within
 from drivers.kuka_rsi.cyclic.online_block import LogRow, OnlineBlock, OnlineSlot

@@ -40,7 +40,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 
 Floats: TypeAlias = NDArray[np.float64]
 _Given = ParamSpec("_Given")

@@ -16,7 +16,7 @@ from typing import final
 
 import numpy as np
 
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 from drivers.kuka_rsi.cyclic.online_block import unpack
 from drivers.kuka_rsi.cyclic.online_kernel import Chains, Effects, Floats, newton_step
 

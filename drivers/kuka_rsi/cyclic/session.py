@@ -21,7 +21,7 @@ from enum import Enum, IntEnum, StrEnum, auto
 from statistics import median
 from typing import Protocol, final
 
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 from drivers.kuka_rsi.cyclic.limits import Correction
 from drivers.kuka_rsi.cyclic.telegram import Telegram
 

@@ -15,7 +15,7 @@ from ipaddress import IPv4Address
 from math import isnan, nan
 from typing import Self, final
 
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 from drivers.kuka_rsi.cyclic.online_block import ONLINE_SLOTS, OnlineBlock
 from drivers.kuka_rsi.cyclic.session import Cause, CyclicTask, Phase, SearchOrder
 

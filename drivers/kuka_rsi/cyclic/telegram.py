@@ -10,7 +10,7 @@ from typing import final
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-from drivers.kuka_rsi.axes import AXES, AXIS_NAMES
+from drivers.kuka_rsi import AXES, AXIS_NAMES
 from drivers.kuka_rsi.cyclic.limits import Correction
 
 DECIMALS = 6

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 from cellctl.clock import Clock, Wire
 from cellctl.devices import DeviceError, DeviceFault, DeviceLost, DeviceRefused, JointReadings, LimitExceeded
-from drivers.kuka_rsi.axes import AXIS_NAMES
+from drivers.kuka_rsi import AXIS_NAMES
 from drivers.tcp_connection import connected, hang_up
 
 LARGEST_DOCUMENT = 4096

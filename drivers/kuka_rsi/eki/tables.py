@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 
 from cellctl.devices import ControllerTable, DeviceFault, DeviceRefused, TableInfo, TableRow, TableState
 from cellctl.devices.tables import LOOK, lost_before_activation, lost_in_activation, refuse_rows
-from drivers.kuka_rsi.axes import AXIS_NAMES
+from drivers.kuka_rsi import AXIS_NAMES
 from drivers.kuka_rsi.eki.channel import EkiChannel, Pending, Reply, refusal
 from drivers.seen_through import see_through
 

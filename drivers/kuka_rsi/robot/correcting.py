@@ -15,7 +15,7 @@ from cellctl.devices import (
     DeviceLost,
     DeviceRefused,
 )
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot, OnlineStatus, pack
 from drivers.kuka_rsi.cyclic.session import Cause, Phase, SearchOrder

@@ -30,7 +30,7 @@ from cellctl.devices import (
     TableState,
 )
 from cellctl.devices.tables import refuse_corrections
-from drivers.kuka_rsi.axes import AXES
+from drivers.kuka_rsi import AXES
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
 from drivers.kuka_rsi.cyclic.session import Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Sample, Slot

@@ -10,7 +10,7 @@ import pytest
 from cellctl.clock import WallClock
 from cellctl.devices import Address, Surroundings, TableInfo
 from drivers.kuka_varproxy import variables
-from drivers.kuka_varproxy.controller_files.generate import controller_files
+from drivers.kuka_varproxy.description import controller_files
 from drivers.kuka_varproxy.moving import Job
 from drivers.kuka_varproxy.tables import _NAMES, _head, _row_text
 from drivers.kuka_varproxy.variables import fields

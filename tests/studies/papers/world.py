@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from sims.cell import SimCell, read_cell
 from sims.conditions import REFERENCE_C, Conditions, Payload
-from sims.geocom._accuracy import PROFILES, Profile
-from sims.geocom._address import profile_of
+from sims.geocom._accuracy import PROFILES, Profile, profile_of
 from sims.world import World
 from sims.world.errors import generator
 from sims.world.true_places import TrueReflectors, TrueStation
