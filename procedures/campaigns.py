@@ -19,7 +19,7 @@ def _daily_checks(runs: Path, baseline_runs: int | None) -> DailyHistories:
 
 
 def _daily_view() -> Callable[[DailyHistories], None]:
-    from procedures.pages.daily import DailyView  # NiceGUI takes a second, and configures itself
+    from procedures.daily_page import DailyView  # NiceGUI takes a second, and configures itself
 
     return DailyView()
 

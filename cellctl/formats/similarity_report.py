@@ -8,10 +8,11 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.analysis import Correlation, EmpiricalSemivariogram, ErrorSet, Similarity, UnsuitableRows
+from cellctl.analysis import Correlation, ErrorSet, Similarity, UnsuitableRows
 from cellctl.calibration import State
 from cellctl.calibration.identification.identify import inliers_among, registered
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.error_maps.kriging import EmpiricalSemivariogram
 from cellctl.files import InputError, Problem
 from cellctl.formats._prior import from_prior
 from cellctl.formats.dataset import DataSet, Rejected

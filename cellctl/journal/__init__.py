@@ -9,8 +9,7 @@ from cellctl.journal._reader import (
     run_place,
     writer_of,
 )
-from cellctl.journal._result import PushedTable, RunResult
-from cellctl.journal._state import RecordedRow, RunState, StepState, fold
+from cellctl.journal._state import PushedTable, RecordedRow, RunResult, RunState, StepState, fold
 from cellctl.journal._writer import Journal
 from cellctl.journal.events import (
     DeviceHealth,

@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cellctl.analysis import EmpiricalSemivariogram, Similarity
+from cellctl.analysis import Similarity
+from cellctl.error_maps.kriging import EmpiricalSemivariogram
 from cellctl.files import write_atomically
 from cellctl.formats.similarity_report import p_text, result_sentences
 from cellctl.kinematics import Floats

@@ -24,10 +24,10 @@ from cellctl.calibration import (
 )
 from cellctl.kinematics import to_poe
 from cellctl.report.fit import _advice as advices
-from cellctl.report.fit import _by_place, _parameter_pictures, _parameters, _residual_pictures
+from cellctl.report.fit import _by_place, _parameters, _pictures
 from cellctl.report.fit._advice import advice, candidates, narrows
+from cellctl.report.fit._pictures import coverage, scaled_numbers
 from cellctl.report.fit._region import RegionSigma, along_joint
-from cellctl.report.fit._residual_pictures import coverage, scaled_numbers
 from cellctl.report.fit._rows import head
 from cellctl.report.fit.residuals import _Predicted, residuals_of
 from tests.helpers.reports import (
@@ -154,7 +154,7 @@ def test_a_wave_in_one_joint_is_told_and_joints_without_any_are_not():
     waved[:, 0] += 3e-4 * np.sin(9.0 * q[:, 0])
     noise = np.random.default_rng(1).normal(0.0, 0.03, (400, 3))
     story = told(measured(PositionRows(q, true.tcp(waved) + noise, np.full((400, 3), 0.03))))
-    found = _residual_pictures.explained(residuals_of(story))
+    found = _pictures.explained(residuals_of(story))
     assert found[0][0] == 0
     assert found[0][1] > 0.5
     assert found[0][2] == pytest.approx(3e-4 / np.sqrt(2) * 1100.0, rel=0.25)
@@ -162,8 +162,8 @@ def test_a_wave_in_one_joint_is_told_and_joints_without_any_are_not():
 
 
 def test_noise_alone_has_no_pattern_and_no_drift(seen, rows):
-    assert _residual_pictures.explained(rows) == []
-    assert _residual_pictures.drifts(rows, rows.row.astype(float)) == []
+    assert _pictures.explained(rows) == []
+    assert _pictures.drifts(rows, rows.row.astype(float)) == []
 
 
 def test_a_drift_is_told_with_its_size_whatever_the_registration_took_of_it():
@@ -171,7 +171,7 @@ def test_a_drift_is_told_with_its_size_whatever_the_registration_took_of_it():
     slid = block.xyz + np.linspace(0.0, 0.3, 200)[:, None] * [0.0, 0.0, 1.0]
     story = told(measured(PositionRows(block.q, slid, block.sigma)))
     rows = residuals_of(story)
-    ((label, change, error),) = _residual_pictures.drifts(rows, rows.row.astype(float))
+    ((label, change, error),) = _pictures.drifts(rows, rows.row.astype(float))
     assert label == "Z"
     assert change == pytest.approx(-0.3, abs=0.05)  # the model less a measurement that rises
     assert 0.0 < error < 0.05
@@ -180,8 +180,8 @@ def test_a_drift_is_told_with_its_size_whatever_the_registration_took_of_it():
 def test_bins_have_the_means_and_standard_errors_of_their_rows():
     rng = np.random.default_rng(2)
     x, y = rng.uniform(0.0, 10.0, 100), rng.normal(size=100)
-    own = _residual_pictures.bins_of(x)
-    at, mean, error = _residual_pictures.binned(x, y)
+    own = _pictures.bins_of(x)
+    at, mean, error = _pictures.binned(x, y)
     for bin_ in range(int(own.max()) + 1):
         mine = own == bin_
         assert (at[bin_], mean[bin_]) == pytest.approx((x[mine].mean(), y[mine].mean()))
@@ -190,10 +190,10 @@ def test_bins_have_the_means_and_standard_errors_of_their_rows():
 
 def test_of_many_points_the_largest_are_drawn():
     sizes = np.random.default_rng(3).random(5000)
-    shown = _residual_pictures.thinned(sizes, 300)
+    shown = _pictures.thinned(sizes, 300)
     assert len(shown) == len(set(shown.tolist())) == 300
     assert set(np.argsort(sizes)[-30:]) <= set(shown.tolist())
-    assert _residual_pictures.thinned(sizes[:200], 300).tolist() == list(range(200))
+    assert _pictures.thinned(sizes[:200], 300).tolist() == list(range(200))
 
 
 def test_cells_have_the_mean_error_of_their_rows():
@@ -269,7 +269,7 @@ def test_the_strongest_pairs_are_named_first_with_what_is_known_of_them():
     matrix = np.eye(3)
     matrix[0, 1] = matrix[1, 0] = -0.99
     matrix[1, 2] = matrix[2, 1] = 0.93
-    assert _parameter_pictures.strongest(["a", "b", "c"], matrix) == [
+    assert _pictures.strongest(["a", "b", "c"], matrix) == [
         "a and b (−0.990: their sum is known best)",
         "b and c (0.930: their difference is known best)",
     ]
@@ -277,7 +277,7 @@ def test_the_strongest_pairs_are_named_first_with_what_is_known_of_them():
 
 def test_the_picture_has_a_square_for_each_pair_that_is_correlated(seen):
     symbols, matrix = _parameters.correlation(seen)
-    picture = _parameter_pictures.correlation_picture(symbols, matrix)
+    picture = _pictures.correlation_picture(symbols, matrix)
     squares = sum(
         path.count("M") for path in re.findall(r'd="([^"]*z[^"]*)"', picture) if path.count("L") == 3 * path.count("M")
     )

@@ -14,9 +14,9 @@ from cellctl.report._page import template
 from cellctl.report.budget import FIGURES, IDENTIFICATION
 from cellctl.report.drawing import before_and_after
 from cellctl.report.figures import fixed, percent, significant, with_sigma
-from cellctl.report.fit import _parameter_pictures as pictures
+from cellctl.report.fit import _pictures as pictures
 from cellctl.report.fit._by_place import EACH, SphereErrors, place_picture, sphere_maps
-from cellctl.report.fit._residual_pictures import (
+from cellctl.report.fit._pictures import (
     coverage,
     drifts,
     explained,

@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.analysis.similarity import ErrorSet, mantel
+from cellctl.analysis import ErrorSet, mantel
 from cellctl.compensation import compensate
 from cellctl.error_maps import ErrorMap
 from cellctl.error_maps.field import AnisotropicField

@@ -1,1 +1,0 @@
-"""Contents of the console's pages of specific kinds of campaigns (`procedures.campaigns`)."""
