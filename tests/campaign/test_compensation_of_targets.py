@@ -1,6 +1,6 @@
 """Two iterated methods on the heavy-robot cell over the wires: held-out targets come near to the floor.
 
-Half of the 80 targets of `compensation_methods`, whose figures are in docs/compensating-and-verifying.md.
+Half of the 80 targets of `compensation_methods`, whose figures are in docs/results/campaigns.md.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def test_an_iterated_method_brings_targets_of_the_heavy_robot_near_the_floor(
 def test_on_line_correction_brings_held_out_targets_of_the_heavy_robot_within_015_mm(
     tmp_path: Path, model_run: Path
 ) -> None:
-    """24 of the 80 targets: docs/online-correction.md has the figures of all."""
+    """24 of the 80 targets: docs/results/campaigns.md has the figures of all."""
     settings = {"model_run": model_run, "target_file": TARGETS, "targets": 24, "two_face_limit": 0.2}
     given = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
     cell = ("--cell", HEAVY_CELL, "--seed", str(SEED), "--runs", tmp_path / "runs")
