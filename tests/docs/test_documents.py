@@ -134,9 +134,7 @@ def test_the_commands_of_a_document_run_as_shown(parts: list[Block], tmp_path: P
 def shown_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that the programs of the documents read."""
     folder = tmp_path_factory.mktemp("shown")
-    _write_tracker_file(folder / "measurements_grid.csv", 3900)
     _write_table(folder)
-    _write_socket_files(folder / "iiwa14_sockets")
     return folder
 
 
@@ -280,19 +278,3 @@ def _write_table(folder: Path) -> None:
     )
     done = cellctl(*made)
     assert done.returncode == 0, done.stderr
-
-
-def _write_socket_files(folder: Path) -> None:
-    """Joints of a few visits for each socket and place."""
-    for place in ("front", "left_back", "raised_left"):
-        (folder / place).mkdir(parents=True)
-        for hole in (0, 1):
-            (folder / place / f"hole_{hole}.csv").write_text("0.1,0.2,0.3,0.4,0.5,0.6,0.7\n" * 3)
-
-
-def _write_tracker_file(path: Path, rows: int) -> None:
-    """A file in the form that data-sets.md converts: `;` between columns, `,` as decimal sign, made-up numbers."""
-    joints = [f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")]
-    names = [*joints, *(f"measurement_{name}" for name in ("x", "y", "z", "temperature"))]
-    lines = [";".join(names)] + [";".join(f"{row % 7},{column}" for column in range(10)) for row in range(rows)]
-    path.write_text("\n".join(lines) + "\n")

@@ -1,21 +1,20 @@
 """Measurements of real robots as files and models: a UR10 (ipa-robot-accuracy data set), and two arms with sockets.
 
-`save_real_rows` writes positions for the race with pybotics; `fitted_ur10` is the UR10's model by way of the documented
-snippet and the command line. `visits` are joint readings of a ball in two sockets 50 mm apart, at three places (MUKCa),
-for `cellctl fit`; `with_ball` writes a robot file with the ball as its tool.
+`save_real_rows` writes positions for the race with pybotics; `public_data` makes the documented data sets,
+`fitted_ur10` the UR10's model from one. `visits` are joint readings of a ball in two sockets 50 mm apart, at three
+places (MUKCa), for `cellctl fit`; `with_ball` writes a robot file with the ball as its tool.
 """
 
 from __future__ import annotations
 
 import csv
 import re
-import runpy
-import shutil
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from cellctl.calibration import PositionRows, RobotModel, Task
@@ -96,14 +95,15 @@ def with_ball(robot: str, folder: Path) -> Path:
     return file
 
 
+def public_data(*words: object) -> None:
+    """Run `docs/examples/public_data.py`."""
+    script = ROOT / "docs" / "examples" / "public_data.py"
+    subprocess.run([sys.executable, script, *map(str, words)], check=True)
+
+
 def fitted_ur10(folder: Path, terms: str = "geometry") -> ModelFile:
     """Fitted in `folder`, which then has `ur10.csv` and `m.json`."""
-    document = (ROOT / "docs" / "reference" / "data-sets.md").read_text()
-    (folder / "snippet.py").write_text(re.search(r"```python\n(.*?)```", document, re.DOTALL).group(1))
-    shutil.copy(UR10_DATA, folder / UR10_DATA.name)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        runpy.run_path("snippet.py")
+    public_data(UR10_DATA, "800", "--held-out", "3000", "--temperature", "-o", folder / "ur10.csv")
     words = ["fit", "ur10", str(folder / "ur10.csv"), "--measure", "position", "--model", terms]
     code = exit_codes.exit_code_of(lambda: app([*words, "--out", str(folder / "m.json")], standalone_mode=False))
     assert code == 0

@@ -2,8 +2,6 @@
 
 import json
 import re
-import runpy
-import shutil
 from pathlib import Path
 
 import pytest
@@ -11,6 +9,7 @@ import pytest
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
+from tests.helpers.real_data import public_data
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "iiwa14_sockets"
@@ -26,15 +25,11 @@ def cellctl(*arguments):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder in which the snippet of the documentation has made `iiwa.csv`, and `robot.yaml` has the ball as tool."""
+    """A folder with the `iiwa.csv` of the documentation, and a `robot.yaml` that has the ball as tool."""
     made = tmp_path_factory.mktemp("iiwa")
-    document = (ROOT / "docs" / "reference" / "data-sets.md").read_text()
-    snippets = re.findall(r"```python\n(.*?)```", document, re.DOTALL)
-    (made / "snippet.py").write_text(next(text for text in snippets if "hole_" in text))
-    shutil.copytree(DATA, made / DATA.name)
+    public_data(DATA, "-o", made / "iiwa.csv")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(made)
-        runpy.run_path("snippet.py")
         assert cellctl("fit", ROBOT, "iiwa.csv", "--free", "tool", "--out", "ball.json") == 0
     x, y, z = ModelFile.load(made / "ball.json").robot_model().chain.tool_now[:3, 3]
     taught = f"tool: {{xyz: [{x:.3f}, {y:.3f}, {z:.3f}], abc: [0, 0, 0]}}"

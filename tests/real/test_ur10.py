@@ -1,10 +1,7 @@
-"""Real measurements: 3000 held-out tracker points of a UR10, by way of the documented snippet and the command line."""
+"""Real measurements: 3000 held-out tracker points of a UR10, by way of the documented commands."""
 
 import csv
 import json
-import re
-import runpy
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
+from tests.helpers.real_data import public_data
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
@@ -27,14 +25,9 @@ def cellctl(*arguments):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder in which the snippet of the documentation has made `ur10.csv`."""
+    """A folder with the `ur10.csv` of the documentation."""
     made = tmp_path_factory.mktemp("ur10")
-    document = (ROOT / "docs" / "reference" / "data-sets.md").read_text()
-    (made / "snippet.py").write_text(re.search(r"```python\n(.*?)```", document, re.DOTALL).group(1))
-    shutil.copy(DATA, made / DATA.name)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(made)
-        runpy.run_path("snippet.py")
+    public_data(DATA, "800", "--held-out", "3000", "--temperature", "-o", made / "ur10.csv")
     return made
 
 
