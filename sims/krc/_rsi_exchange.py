@@ -176,11 +176,12 @@ class AxisCorrection:
     def after(self, correction: Joints, values: Sequence[float]) -> Joints:
         """The correction one cycle on, with `values` at AXISCORR's inputs."""
         asked = [a + b for a, b in zip(correction, values, strict=True)] if self._relative else values
-        return tuple(max(-self._limit, min(self._limit, angle)) for angle in asked)
+        limit = self._limit
+        return tuple([limit if angle > limit else -limit if angle < -limit else angle for angle in asked])
 
     def exceeded(self, correction: Joints) -> bool:
         """Whether the overall correction is over its ceiling (KSS29000)."""
-        return any(abs(angle) > self._monitor for angle in correction)
+        return max(map(abs, correction)) > self._monitor
 
 
 MS = 1_000_000

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Sequence
 from math import exp
+from operator import gt
 from typing import final
 
 from sims.scene.motions import FULL_SPEED_AFTER_S, Joints, State
@@ -91,16 +92,16 @@ class DriveMonitor:
         h = self._cycle_s
         speeds = [abs(c - b) / h for b, c in zip(before, now, strict=True)]
         accelerations = [abs(c - 2.0 * b + a) / h**2 for a, b, c in zip(earlier, before, now, strict=True)]
-        if axis := _first_above(speeds, self._speeds):
-            return f"{VELOCITY} A{axis}"
-        if axis := _first_above(accelerations, self._accelerations):
-            return f"{ACCELERATION} A{axis}"
+        if any(map(gt, speeds, self._speeds)):
+            return f"{VELOCITY} A{_first_above(speeds, self._speeds)}"
+        if any(map(gt, accelerations, self._accelerations)):
+            return f"{ACCELERATION} A{_first_above(accelerations, self._accelerations)}"
         return ""
 
 
 def _first_above(values: Sequence[float], limits: Sequence[float]) -> int:
-    """The number of the first axis above its limit, from 1; 0 where there is none."""
-    return next((i for i, (value, limit) in enumerate(zip(values, limits, strict=True), 1) if value > limit), 0)
+    """The number of the first axis above its limit, from 1."""
+    return next(i for i, (value, limit) in enumerate(zip(values, limits, strict=True), 1) if value > limit)
 
 
 NOISE_A = 0.02

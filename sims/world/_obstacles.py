@@ -17,6 +17,7 @@ SHAFT_MM = 5.0
 """Radius of the torch's contact tube; the wire, which touches, stands out of it bare."""
 STICK_OUT_MM = 25.0
 PLATE_EDGE_MM = 100.0
+_ROUNDING_MM = 1e-6
 
 
 @final
@@ -30,14 +31,18 @@ class Obstacles:
         self._spheres = tuple(spheres)
         self._plate_z = plate_z
         self._stem_radius = stem_radius
+        feet = [] if plate_z is None else [((x, y, plate_z), (x, y, z)) for (x, y, z), _ in self._spheres]
+        self._stems = [(foot, head, _middle(foot, head), dist(foot, head) / 2.0) for foot, head in feet]
 
     def gap(self, elbow: Vector, wrist: Vector, flange: Vector, tip: Vector) -> float:
         """Least distance of the robot from anything, mm, negative where they overlap; the wire may touch spheres."""
         bodies = _bodies(elbow, wrist, flange, tip)
         mouth = bodies[-1][1]
-        gap = min(self._to_stand(a, b, radius) for a, b, radius in (*bodies, (mouth, tip, 0.0)))
+        gap = float("inf")
+        for a, b, radius in (*bodies, (mouth, tip, 0.0)):
+            gap = min(gap, self._to_stand(a, b, gap + radius) - radius)
         for centre, size in self._spheres:
-            gap = min(gap, *(_from_line(centre, a, b) - radius - size for a, b, radius in bodies))
+            gap = min(gap, *[_from_line(centre, a, b) - radius - size for a, b, radius in bodies])
         return gap
 
     def between(self, start: Vector, end: Vector, elbow: Vector, wrist: Vector, flange: Vector, tip: Vector) -> bool:
@@ -52,9 +57,8 @@ class Obstacles:
         plate_z = self._plate_z
         if plate_z is None:
             return False
-        stems = (((x, y, plate_z), (x, y, z)) for (x, y, z), _ in self._spheres)
         return self._meets_plate(start, end, plate_z) or any(
-            _apart(start, end, foot, head) < self._stem_radius for foot, head in stems
+            _apart(start, end, foot, head) < self._stem_radius for foot, head, *_ in self._stems
         )
 
     def _meets_plate(self, start: Vector, end: Vector, plate_z: float) -> bool:
@@ -65,20 +69,29 @@ class Obstacles:
         ways = zip(place, zip(*(centre[:2] for centre, _ in self._spheres), strict=True), strict=True)
         return all(min(stems) - PLATE_EDGE_MM < at < max(stems) + PLATE_EDGE_MM for at, stems in ways)
 
-    def _to_stand(self, a: Vector, b: Vector, radius: float) -> float:
-        """From a round body about the line a–b to plate and stems."""
+    def _to_stand(self, a: Vector, b: Vector, most: float) -> float:
+        """From the line a–b to plate and stems, where that is less than `most`; else any greater distance.
+
+        Two lines are no nearer than their middles less half their lengths: for most stems that is enough to know.
+        """
         if self._plate_z is None:
             return float("inf")
         gap = min(a[2], b[2]) - self._plate_z
-        for (x, y, z), _ in self._spheres:
-            gap = min(gap, _apart(a, b, (x, y, self._plate_z), (x, y, z)) - self._stem_radius)
-        return gap - radius
+        middle, half = _middle(a, b), dist(a, b) / 2.0 + self._stem_radius + _ROUNDING_MM
+        for foot, head, stem_middle, stem_half in self._stems:
+            if dist(middle, stem_middle) - half - stem_half < min(gap, most):
+                gap = min(gap, _apart(a, b, foot, head) - self._stem_radius)
+        return gap
 
 
 def _bodies(elbow: Vector, wrist: Vector, flange: Vector, tip: Vector) -> tuple[tuple[Vector, Vector, float], ...]:
     """Forearm, wrist and the tool's tube: each round, by its line's ends and its radius."""
     mouth = _towards(tip, flange, STICK_OUT_MM)
     return (elbow, wrist, WRIST_MM), (wrist, flange, WRIST_MM), (flange, mouth, SHAFT_MM)
+
+
+def _middle(a: Vector, b: Vector) -> Vector:
+    return (a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0, (a[2] + b[2]) / 2.0
 
 
 def _towards(start: Vector, end: Vector, way: float) -> Vector:

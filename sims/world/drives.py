@@ -138,9 +138,8 @@ def slid(sliding: Sequence[float], start: Sequence[float], end: Sequence[float])
 
     1 or −1 by the direction of the last motion, less within `PRESLIDING_DEG` after a turn. It stays at rest.
     """
-    return tuple(
-        max(-1.0, min(1.0, before + (b - a) / PRESLIDING_DEG)) for before, a, b in zip(sliding, start, end, strict=True)
-    )
+    shares = [before + (b - a) / PRESLIDING_DEG for before, a, b in zip(sliding, start, end, strict=True)]
+    return tuple([1.0 if share > 1.0 else -1.0 if share < -1.0 else share for share in shares])
 
 
 def lagging(readings: Sequence[float], wound_up: Sequence[float], sliding: Sequence[float]) -> tuple[float, ...]:

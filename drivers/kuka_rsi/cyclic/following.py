@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import Enum, auto
+from operator import mul, sub
 from typing import final
 
 from drivers.kuka_rsi.cyclic.limits import Correction
@@ -46,6 +47,7 @@ class Following:
         length = math.hypot(*line) or 1.0
         self._start = start
         self._along = tuple(axis / length for axis in line)
+        self._axes = [(math.copysign(1, share), abs(share)) for share in self._along]
         self._step = step_deg
         self._lag = lag_count
         self._sent: deque[tuple[int, float]] = deque()
@@ -61,12 +63,12 @@ class Following:
         while len(self._sent) > 1 and self._sent[1][0] <= telegram.ipoc - self._lag:
             self._sent.popleft()
         low, high = max(0.0, self._sent[0][1] - short_deg), self._sent[-1][1]
-        away = tuple(joint - start for joint, start in zip(telegram.joints, self._start, strict=True))
-        if sum(a * b for a, b in zip(away, self._along, strict=True)) - high > _FARTHEST_ASTRAY_DEG:
+        away = list(map(sub, telegram.joints, self._start))
+        if sum(map(mul, away, self._along)) - high > _FARTHEST_ASTRAY_DEG:
             return Follows.AHEAD
         behind = NOISE_DEG + telegram.resolution_deg + self._step
-        for off, share in zip(away, self._along, strict=True):
-            gone, due, most = math.copysign(1, share) * off, low * abs(share), high * abs(share)
+        for off, (sense, share) in zip(away, self._axes, strict=True):
+            gone, due, most = sense * off, low * share, high * share
             if due - gone > (behind if share else _FARTHEST_ASTRAY_DEG) or gone - most > _FARTHEST_ASTRAY_DEG:
                 return Follows.BEHIND
         return Follows.YES

@@ -28,6 +28,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from operator import sub
 from typing import Self, final
 
 from drivers.kuka_rsi import AXES
@@ -248,7 +249,7 @@ class CycleWatch:
 
 
 def _minus(a: Correction, b: Correction) -> Correction:
-    return tuple(x - y for x, y in zip(a, b, strict=True))
+    return tuple(map(sub, a, b))
 
 
 def _size(vector: Correction) -> float:

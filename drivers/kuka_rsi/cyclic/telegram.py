@@ -125,7 +125,7 @@ def _axes(element: ElementTree.Element, largest: float) -> tuple[tuple[float, ..
     values = tuple(map(float, texts))
     if not max(map(abs, values)) <= largest:
         raise ValueError(f"A1…A6 of {element.tag} are not within ±{largest:g}: {', '.join(texts)}")
-    return values, max(len(decimals or "") for decimals in written.groups())
+    return values, max(map(len, written.groups("")))
 
 
 def _number(text: str, lowest: float, highest: float) -> float:
