@@ -49,9 +49,11 @@ class MinimumDelayFit:
     def __init__(self, window_s: float = 20.0) -> None:
         self._window_ns = round(window_s * 1e9)
         self._points: deque[tuple[int, int]] = deque()
+        self._fitted: DelayFit | None = None
 
     def add(self, device_ns: int, arrival_ns: int) -> None:
         """A message stamped `device_ns` by the device arrived at `arrival_ns` of the cell's clock."""
+        self._fitted = None
         points = self._points
         points.append((device_ns, arrival_ns - device_ns))
         while points[0][0] < device_ns - self._window_ns:
@@ -59,6 +61,7 @@ class MinimumDelayFit:
 
     def clear(self) -> None:
         """Discard all messages: the device's clock restarted."""
+        self._fitted = None
         self._points.clear()
 
     def __len__(self) -> int:
@@ -66,6 +69,11 @@ class MinimumDelayFit:
 
     def fit(self) -> DelayFit:
         """The map from the messages so far. Raises ValueError without messages."""
+        if self._fitted is None:
+            self._fitted = self._lower_envelope()
+        return self._fitted
+
+    def _lower_envelope(self) -> DelayFit:
         if not self._points:
             raise ValueError("no message to fit the device's clock to")
         reference = self._points[0][0]
