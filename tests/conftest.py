@@ -1,5 +1,8 @@
 """For all tests: what takes long runs with `--long` alone; one thread of linear algebra, as on the command line.
 
+Workers take whole files (`--dist loadfile`), so that what a file's tests share is computed once, and begin with those
+that take longest, so that none is left with one at the end.
+
 Hypothesis tries the same examples in every run, and measures no time: what passes on one machine passes on a busy one.
 To look for examples that nobody has tried yet: `pytest --hypothesis-profile explore`.
 """
@@ -8,6 +11,8 @@ import gc
 import os
 import signal
 import sys
+from collections import Counter
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -36,9 +41,20 @@ def locks_of_this_worker(tmp_path_factory: pytest.TempPathFactory) -> None:
     os.environ["CELLCTL_LOCKS"] = str(tmp_path_factory.mktemp("locks"))
 
 
+ABOUT_MS = {(True, True): 20_000, (True, False): 8_000, (False, True): 3_000, (False, False): 60}
+"""What a test takes, by whether it is marked `long` and `campaign`."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """More workers than processors: for a third of its time a test waits, for a process, a device or a clock."""
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return processors * 3 // 2
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--long`: everything, that is, with what takes long."""
-    parser.addoption("--long", action="store_true", help="run what takes long, too (40 minutes to 1½ hours)")
+    parser.addoption("--long", action="store_true", help="run what takes long, too (20 minutes to 1½ hours)")
 
 
 def pytest_collection_finish() -> None:
@@ -48,9 +64,13 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what takes long, unless asked; begin with campaigns, so that no worker is left with one at the end."""
+    """Leave out what takes long, unless asked; the files that take longest come first."""
     if not config.getoption("--long"):
         left_out = [item for item in items if item.get_closest_marker("long")]
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if not item.get_closest_marker("long")]
-    items.sort(key=lambda item: item.get_closest_marker("campaign") is None)
+    expected_ms: Counter[Path] = Counter()
+    for item in items:
+        marks = (item.get_closest_marker("long") is not None, item.get_closest_marker("campaign") is not None)
+        expected_ms[item.path] += ABOUT_MS[marks]
+    items.sort(key=lambda item: -expected_ms[item.path])
