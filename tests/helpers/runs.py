@@ -32,7 +32,7 @@ from cellctl.operations.launch import Options, run_on
 ROOT = Path(__file__).parents[2]
 SELFCAL = ROOT / "procedures" / "sphere_selfcal.yaml"
 CELL = ROOT / "procedures" / "cells" / "sphere_cell.yaml"
-PATIENCE_S = 800.0
+PATIENCE_S = 1700.0
 """Wall time after which a process is taken to hang: long, for a machine may be busy, and less than a test may take."""
 UNHURRIED = "  rsi: {timeout_cycles: 1000000}\n"
 """For a cell's `simulate:` section: the controller counts late answers and never stops for them."""
