@@ -9,6 +9,7 @@ import json
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -26,12 +27,18 @@ MOST_IN_FUNCTIONS = 80
 SLOW = ("numpy", "scipy", "rich", "cellctl.calibration", "cellctl.formats")
 
 
+@cache
+def nodes_of(file: Path) -> list[ast.AST]:
+    """Of its syntax tree, in breadth."""
+    return list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+
+
 def imports_in_functions() -> dict[str, str]:
     """Place → its line, of each import inside a function."""
     found = {}
     for file in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
         lines = file.read_text(encoding="utf-8").splitlines()
-        for function in ast.walk(ast.parse("\n".join(lines))):
+        for function in nodes_of(file):
             if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
                 for node in ast.walk(function):
                     if isinstance(node, ast.Import | ast.ImportFrom):
@@ -57,7 +64,7 @@ def modules() -> dict[str, Path]:
 def imported(file: Path, ours: dict[str, Path]) -> set[str]:
     """Those of `ours` that a module imports: at its top, in functions, for type checkers, and by `import_module`."""
     found = set()
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in nodes_of(file):
         match node:
             case ast.Import(names):
                 found |= {alias.name for alias in names}
@@ -191,7 +198,7 @@ BY_STRING = {
 def test_arrows_that_no_import_shows_are_listed():
     found = set()
     for file in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in nodes_of(file):
             called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id
             if called in {"import_module", "__import__"} or (isinstance(node, ast.Constant) and node.value == "-m"):
                 found.add(str(file.relative_to(ROOT)))
@@ -209,7 +216,7 @@ def test_services_console_and_engine_name_no_shipped_procedure_step_or_row_kind_
     name = re.compile(rf"\b({'|'.join(map(re.escape, [*kinds, *steps, *shipped('procedure')]))})\b")
     found = []
     for file in (path for top in KNOW_NO_CAMPAIGN for path in (ROOT / "cellctl" / top).rglob("*.py")):
-        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        nodes = nodes_of(file)
         docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
         texts = (node for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str))
         found += [f"{file}: {each.value}" for each in texts if id(each) not in docstrings and name.search(each.value)]
