@@ -46,8 +46,10 @@ ABOUT_MS = {(True, True): 20_000, (True, False): 8_000, (False, True): 3_000, (F
 
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers() -> int:
-    """More workers than processors: for a third of its time a test waits, for a process, a device or a clock."""
+def pytest_xdist_auto_num_workers() -> int | None:
+    """More workers than processors: many tests wait, for a process, a device or a clock. xdist's own variable wins."""
+    if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
+        return None
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return processors * 3 // 2
 
