@@ -21,6 +21,7 @@ from cellctl.formats import ModelFile
 from cellctl.journal import StepStarted, fold, read_journal
 from tests.helpers.runs import (
     CELL,
+    FASTEST,
     PATIENCE_S,
     ROOT,
     SEED,
@@ -41,8 +42,6 @@ SEEDS = [1, 2, 3, 4, 5]
 HELD_OUT, TARGETS = 12, 15
 """Of the robots after the first, which has 30 of each: the touches that identify them are all there, and 90 stand-offs
 tell the ratio of their errors to the predicted ones within 8 %."""
-FASTEST = ("--set=search_speed=10", "--set=transfer_speed=50")
-"""The highest speeds that the procedure allows: where a contact is measured does not depend on them."""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +53,8 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Whole:
 @pytest.fixture(scope="module")
 def campaign_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Whole]:
     """The campaign of the robot with this seed, run when it is first asked for."""
-    fewer = (f"--set=touches_test={HELD_OUT}", f"--set=standoff_targets={TARGETS}", *FASTEST)
+    settings = (f"touches_test={HELD_OUT}", f"standoff_targets={TARGETS}", *FASTEST)
+    fewer = [f"--set={setting}" for setting in settings]
     folder = tmp_path_factory.mktemp("robots")
 
     @cache
@@ -132,7 +132,8 @@ def test_a_flexible_robot_with_gear_error_and_play_is_identified_as_far_as_its_m
     move the TCP by 0.22 mm RMS: the most that geometry and effects leave. None of it leaves repeatability alone.
     """
     flexible = CELL.parent / "flexible_sphere_cell.yaml"
-    result = campaign(1, tmp_path, "--cell", str(flexible)).result
+    fastest = (f"--set={setting}" for setting in FASTEST)
+    result = campaign(1, tmp_path, "--cell", str(flexible), *fastest).result
     assert result["verdict"] == "better"
     assert result["standoff"]["n"] == 30
     assert result["before"]["mean"] >= 0.5

@@ -59,6 +59,10 @@ cleanup:
 
 SEED = 1
 
+FASTEST = ("search_speed=10", "transfer_speed=50")
+"""The highest speeds that `sphere_selfcal` allows: where a contact is measured does not depend on them, and a search
+takes half as many cycles."""
+
 
 def confirmed_touches(folder: Path, fit: int = 8) -> Path:
     """A procedure that waits for a confirmation, then does `fit` touches and one more, without identification."""
