@@ -20,7 +20,7 @@ from cellctl.cli.verbs import VERBS
 from cellctl.installed import shipped
 from cellctl.journal import Journal, RunStarted, SourceFile
 from cellctl.procedure import StepRegistry
-from tests.helpers.runs import CELL, ROOT, touches_procedure
+from tests.helpers.runs import CELL, FASTEST, ROOT, touches_procedure
 
 PACKAGES = ("cellctl", "drivers", "procedures", "sims")
 MOST_IN_FUNCTIONS = 80
@@ -170,13 +170,15 @@ def test_a_run_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its
 @pytest.mark.parametrize(
     "words",
     [
-        ["sphere_selfcal", "--set", "touches_fit=24", "--set", "touches_test=6", "--set", "standoff_targets=4"],
-        ["tracker_calibration", "--set", "poses_fit=24", "--set", "poses_test=8", "--set", "turn_points=5"],
+        ["sphere_selfcal", "touches_fit=24", "touches_test=6", "standoff_targets=4", *FASTEST],
+        ["tracker_calibration", "poses_fit=24", "poses_test=8", "turn_points=5", "samples=2", "transfer_speed=50"],
     ],
     ids=lambda words: words[0],
 )
 def test_a_whole_campaign_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its_end(words, tmp_path):
-    code = [sys.executable, "-c", BETWEEN, "run", *words, "--runs", str(tmp_path)]
+    procedure, *settings = words
+    given = [f"--set={setting}" for setting in settings]
+    code = [sys.executable, "-c", BETWEEN, "run", procedure, *given, "--runs", str(tmp_path)]
     subprocess.run(code, cwd=tmp_path, check=False, capture_output=True)
     assert (tmp_path / "imported").read_text() == ""
 

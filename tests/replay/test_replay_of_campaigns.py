@@ -15,11 +15,11 @@ import pytest
 
 from cellctl.journal import JournalError, RunResumed, fold, read_journal
 from cellctl.operations.launch import versions
-from tests.helpers.runs import PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run, shared_campaign
+from tests.helpers.runs import FASTEST, PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run, shared_campaign
 
 pytestmark = pytest.mark.campaign
 
-FEW = ("touches_fit=24", "touches_test=8", "standoff_targets=12", "reference_every=12")
+FEW = ("touches_fit=24", "touches_test=8", "standoff_targets=12", "reference_every=12", *FASTEST)
 FILES = ["dataset.csv", "model.json", "table.json"]
 
 
