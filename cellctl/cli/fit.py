@@ -192,6 +192,9 @@ def fit(
         str | None,
         typer.Option(help="Only these groups change: zeros,tool,base,links,geometry,points,datums or effects."),
     ] = None,
+    prior_of_type: Annotated[
+        Path | None, typer.Option(help="What other robots of this type were like, as `cellctl prior` writes it.")
+    ] = None,
     check: Annotated[bool, typer.Option(help="Check for set-up errors first: units, signs, order of rows.")] = True,
     holdout: Annotated[float | None, typer.Option(help="Hold out this share of the rows, at random.")] = None,
     folds: Annotated[int | None, typer.Option(help="Cross-validate with K folds. Default: column set, else 5.")] = None,
@@ -217,9 +220,9 @@ def fit(
     """
     began = time.perf_counter()
     judging = Judging(holdout, folds, column, by, seed)
-    asked = Asked(measure, model, artefact, distances, spacing or (), own, prior, free)
+    asked = Asked(measure, model, artefact, distances, spacing or (), own, prior, free, prior_of_type)
     asked.refuse(judging)
-    refuse_outputs({"--out": out, "--report": page, "--json": json_}, [robot, data, artefact, prior])
+    refuse_outputs({"--out": out, "--report": page, "--json": json_}, [robot, data, artefact, prior, prior_of_type])
     if compare:
         _compare(
             FitInput.load(robot, data, asked), asked, judging, compare, check=check, out=out, page=page, json_=json_
@@ -256,9 +259,9 @@ def _compare(
     json_: str | None,
 ) -> None:
     problems = [option("out", "a comparison writes no model", "fit the one that you choose")] if out else []
-    if asked.model != "auto" or asked.prior or asked.free:
+    if asked.model != "auto" or asked.prior or asked.free or asked.prior_of_type:
         cure = "name the models by --compare alone"
-        problems.append(option("compare", "does not go with --model, --prior or --free", cure))
+        problems.append(option("compare", "does not go with --model, --prior, --prior-of-type or --free", cure))
     if problems:
         raise InputError(problems)
     found, unwritten = compare_fits(given, asked, judging, models, shown_progress, check=check), Unwritten()

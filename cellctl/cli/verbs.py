@@ -60,6 +60,7 @@ VERBS = {
         "Make a data set from joint list and measured positions, or targets from a program.",
     ),
     "fit": Verb("fit", "fit", "Identify a robot; compare it with nominal on held-out rows."),
+    "prior": Verb("prior", "prior", "Make a prior of a type from the calibrations of its robots."),
     "analyse": Verb("analyse", "analyse", "Analyse the similarity of a robot's errors."),
     "predict": Verb("fit", "predict", "Predict the TCP at given joints: pose and 1 σ (3-D, mm)."),
     "compensate": Verb(

@@ -34,6 +34,7 @@ def fit(
     own: str | Sequence[str] = "base",
     prior: str | Path | Model | None = None,
     free: str | Sequence[str] | None = None,
+    prior_of_type: str | Path | None = None,
     check: bool = True,
     holdout: float | None = None,
     folds: int | None = None,
@@ -51,6 +52,7 @@ def fit(
     - spacing: known distances, `"A,B=50±0.01"`, mm and 1 σ.
     - own: what each session has for itself (`base`, `tool`, both, `none`).
     - prior: model to be updated; free: groups that may change.
+    - prior_of_type: what other robots of this type were like, a file of `cellctl prior`.
     - check: look for set-up errors first.
     - holdout (share of the rows), folds (number), column (`set`), by (a column, such as `session`): how rows are held
       out; by default the column `set`, else five folds. seed: of the random hold-out.
@@ -68,6 +70,7 @@ def fit(
         _joined(own),
         _name_of(prior),
         _joined(free) if free is not None else None,
+        _path(prior_of_type),
     )
     judging = Judging(holdout, folds, column, by, seed)
     asked.refuse(judging)
@@ -161,6 +164,7 @@ def _given(
         lambda: read(data).rows,
         lambda: load_artefact(asked.artefact) if asked.artefact else None,
         lambda: None if prior is None else prior.file if isinstance(prior, Model) else load(prior).file,
+        asked.prior_of_type,
     )
 
 

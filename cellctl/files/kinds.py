@@ -17,8 +17,9 @@ MODEL, TABLE, CORRECTION, DATA_SET, JOURNAL = (
     "data set (CSV)",
     "journal of a run",
 )
+PRIOR = "prior file"
 EXPORT = "file that a pendant saved"
-OWN = (ROBOT, CELL, PROCEDURE, ARTEFACT, MODEL, TABLE, CORRECTION)
+OWN = (ROBOT, CELL, PROCEDURE, ARTEFACT, MODEL, TABLE, CORRECTION, PRIOR)
 """Kinds that only cellctl has: no pendant saves them."""
 
 _BY_KEYS = (
@@ -36,6 +37,7 @@ _BY_KEYS = (
 _CURES = {
     ROBOT: "give a robot file, or a name of `cellctl robots`",
     MODEL: "give a file that `cellctl fit --out` wrote",
+    PRIOR: "give a file that `cellctl prior` wrote",
     TABLE: "give a file that `cellctl compensate` or a campaign wrote",
     DATA_SET: "give a CSV with a header row",
     JOURNAL: "name a run folder with a journal.sqlite written by cellctl",
@@ -119,7 +121,7 @@ def kind_of_content(content: Any) -> str:
     if not isinstance(content, dict):
         return ""
     stated = str(content.get("format", ""))
-    for kind, word in ((MODEL, "cellctl model"), (CORRECTION, "cellctl correction")):
+    for kind, word in ((MODEL, "cellctl model"), (CORRECTION, "cellctl correction"), (PRIOR, "cellctl prior")):
         if stated.startswith(word):
             return kind
     return _by_keys(set(content))

@@ -91,16 +91,21 @@ def _of_a_session(prior: ModelFile, measured: Measurements, groups: frozenset[st
 
 def _another_robot(older: RobotFile, robot: RobotFile, file: str) -> list[Problem]:
     """Differences that show two different robots; tool, base and limits may differ."""
+    differ = differing_parts(older, robot)
+    if not differ:
+        return []
+    what = f"is a model of '{older.name}' with another {' and '.join(differ)} than '{robot.name}' has"
+    return [Problem(file or "--prior", 0, 0, what, "give the robot file that the model was made with")]
+
+
+def differing_parts(older: RobotFile, robot: RobotFile) -> list[str]:
+    """Names of the parts in which the nominal arms of two robot files differ."""
     pairs = [
         ("convention", older.convention, robot.convention),
         ("link table", (older.links, older.screws, older.home), (robot.links, robot.screws, robot.home)),
         ("joint signs and offsets", _joints(older), _joints(robot)),
     ]
-    differ = [name for name, theirs, ours in pairs if theirs != ours]
-    if not differ:
-        return []
-    what = f"is a model of '{older.name}' with another {' and '.join(differ)} than '{robot.name}' has"
-    return [Problem(file or "--prior", 0, 0, what, "give the robot file that the model was made with")]
+    return [name for name, theirs, ours in pairs if theirs != ours]
 
 
 def _stands_otherwise(model: RobotModel, robot: RobotFile, file: str) -> list[Problem]:

@@ -63,6 +63,7 @@ class Asked:
     own: str
     prior: Path | None
     free: str | None
+    prior_of_type: Path | None = None
 
     def refuse(self, judging: Judging) -> None:
         """Raise InputError with all errors in the options; no option is silently ignored."""
@@ -104,6 +105,10 @@ class Asked:
     def _prior(self) -> list[Problem]:
         if self.prior is None and self.free is None:
             return []
+        if self.prior_of_type:
+            given = "--prior" if self.prior else "--free"
+            cure = "leave one out: a prior model of this robot knows more than its type"
+            return [option("prior-of-type", f"does not go with {given}", cure)]
         if self.model != "auto":
             given = "--prior" if self.prior else "--free"
             return [option("model", f"does not go with {given}", f"leave it out: {given} says what is modelled")]

@@ -29,6 +29,7 @@ from cellctl.formats import (
     only,
 )
 from cellctl.formats.measurements import refuse_alike
+from cellctl.formats.type_prior import USED, TypePriorFile, with_type_prior
 from cellctl.operations.fit_options import Asked, Judging, option
 from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 from cellctl.report.fit import FitStory
@@ -112,6 +113,7 @@ class FitInput:
     data: DataSet
     artefact: Artefact | None = None
     prior: ModelFile | None = None
+    type_prior: TypePriorFile | None = None
 
     @property
     def sources(self) -> dict[str, str]:
@@ -125,10 +127,12 @@ class FitInput:
         data: Callable[[], DataSet],
         artefact: Callable[[], Artefact | None],
         prior: Callable[[], ModelFile | None],
+        type_prior: Path | None = None,
     ) -> Self:
         """Read all parts. Raises InputError with the errors of all of them at once."""
-        (document, robot_file), rows, points, older = _all_of([robot, data, artefact, prior])
-        return cls(document, robot_file, rows, points, older)
+        loaders = [robot, data, artefact, prior, lambda: TypePriorFile.load(type_prior) if type_prior else None]
+        (document, robot_file), rows, points, older, of_type = _all_of(loaders)
+        return cls(document, robot_file, rows, points, older, of_type)
 
     @classmethod
     def load(cls, robot: Path, data: Path, asked: Asked) -> Self:
@@ -140,6 +144,7 @@ class FitInput:
                 lambda: DataSet.load(data),
                 lambda: load_artefact(artefact) if artefact else None,
                 lambda: ModelFile.load(prior) if prior else None,
+                asked.prior_of_type,
             )
         except InputError as error:
             if _is_robot(data):
@@ -156,6 +161,8 @@ class FitInput:
             found["artefact_sha256"] = sha256_of(self.artefact.model_dump())
         if self.prior:
             found["prior_sha256"] = sha256_of(self.prior.text())
+        if self.type_prior:
+            found[USED] = sha256_of(self.type_prior.text())
         return found
 
 
@@ -238,6 +245,8 @@ def measured_rows(given: FitInput, asked: Asked) -> Measurements:
     )
     if given.prior:
         return from_prior(measured, given.prior, asked.free_groups, str(asked.prior))
+    if given.type_prior:
+        return with_type_prior(measured, given.type_prior, str(asked.prior_of_type))
     return only(measured, asked.free_groups) if asked.free_groups else measured
 
 

@@ -34,6 +34,7 @@ from cellctl.calibration import (
     identify,
     predict,
 )
+from cellctl.calibration.rows.type_rows import TypePrior
 from cellctl.calibration.verdict.reliability import Reliability
 from cellctl.kinematics import Link, SerialChain
 from tests.helpers.own_model import (
@@ -95,9 +96,9 @@ class Fitted:
         return said.poses[:, :3, 3], said.sigma_mm
 
 
-def fitted(draw: Draw) -> Fitted:
-    """`draw`'s rows through `identify`, with the prior that its truth is from."""
-    task = task_of(draw)
+def fitted(draw: Draw, of_type: TypePrior | None = None) -> Fitted:
+    """`draw`'s rows through `identify`, with the prior that its truth is from, and that of its type."""
+    task = replace(task_of(draw), type_prior=of_type)
     done = identify(task)
     best = done.identified
     free = np.flatnonzero(np.diag(best.covariance) > 0.0)

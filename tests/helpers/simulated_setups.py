@@ -74,17 +74,25 @@ class Draw:
     told: OwnPrior = PRIOR
 
 
-def sph(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors | None = None) -> Draw:
+def sph(
+    seed: int,
+    added: Mapping[str, float] = NOTHING,
+    besides: JointErrors | None = None,
+    *,
+    errors: Mapping[str, float] = NOTHING,
+    count: int = ROWS,
+) -> Draw:
     """50 touches on three spheres by a KR5 that stands where it stands; its tool is taught, the centres are unknown.
 
-    added: errors (mm, rad) beyond those that the prior draws; besides: errors that no model here has; so below.
+    added: errors (mm, rad) beyond those that the prior draws; errors: in their place; besides: errors that no model
+    here has; count: of the rows; so below.
     """
     rng = np.random.default_rng([seed, 1])
     nominal = kr5()
     names = (*nominal.link_names, "tool_x", "tool_y", "tool_z", "tool_deflection")
-    truth = replace(erroneous(rng, nominal, names, added), joint_errors=besides)
+    truth = replace(erroneous(rng, nominal, names, added, errors), joint_errors=besides)
     centres = SPHERES + rng.normal(0.0, 3.0, SPHERES.shape)
-    sphere = np.arange(ROWS) % len(SPHERES)
+    sphere = np.arange(count) % len(SPHERES)
     q = _touching(rng, truth, centres[sphere])
     certified = between(centres) + rng.normal(0.0, 0.01, 3)
     rows = OwnTouches(q, sphere, REACH, SIGMA_MM, certified, 0.01)
@@ -93,11 +101,19 @@ def sph(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors | 
     return Draw(nominal, truth, nominal, rows, free, ("S",), asked, centres, SPHERES)
 
 
-def positions(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors | None = None) -> Draw:
+def positions(
+    seed: int,
+    added: Mapping[str, float] = NOTHING,
+    besides: JointErrors | None = None,
+    *,
+    errors: Mapping[str, float] = NOTHING,
+    count: int = ROWS,
+) -> Draw:
     """50 points of a reflector on a UR10."""
     rng = np.random.default_rng([seed, 2])
-    q = _within(rng, UR10_REGION, ROWS)
-    return seen_by_tracker(rng, ur10(), q, _within(rng, UR10_REGION, ASKED), added=added, besides=besides)
+    q = _within(rng, UR10_REGION, count)
+    asked = _within(rng, UR10_REGION, ASKED)
+    return seen_by_tracker(rng, ur10(), q, asked, added=added, besides=besides, errors=errors)
 
 
 def poses(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors | None = None) -> Draw:
@@ -117,12 +133,17 @@ OUTSIDE: dict[str, dict[str, float]] = {
 
 
 def erroneous(
-    rng: np.random.Generator, nominal: OwnArm, names: tuple[str, ...], added: Mapping[str, float] = NOTHING
+    rng: np.random.Generator,
+    nominal: OwnArm,
+    names: tuple[str, ...],
+    added: Mapping[str, float] = NOTHING,
+    errors: Mapping[str, float] = NOTHING,
 ) -> OwnArm:
-    """`nominal` with errors from the prior and those `added`; a bend is never upwards."""
-    errors = rng.normal(0.0, [PRIOR.sigma(name, ()) for name in names])
+    """`nominal` with errors from the prior, or `errors` in their place, and those `added`; a bend is never upwards."""
+    drawn = rng.normal(0.0, [PRIOR.sigma(name, ()) for name in names])
+    drawn = np.array([errors.get(name, own) for name, own in zip(names, drawn.tolist(), strict=True)])
     down = np.array([name == "tool_deflection" for name in names])
-    return nominal.moved(names, np.where(down, np.abs(errors), errors)).moved(list(added), list(added.values()))
+    return nominal.moved(names, np.where(down, np.abs(drawn), drawn)).moved(list(added), list(added.values()))
 
 
 def seen_by_tracker(
@@ -133,12 +154,13 @@ def seen_by_tracker(
     *,
     added: Mapping[str, float] = NOTHING,
     besides: JointErrors | None = None,
+    errors: Mapping[str, float] = NOTHING,
     whole_poses: bool = False,
 ) -> Draw:
     """What a tracker that stands anywhere sees of a target anywhere on the flange of a robot with errors."""
     place = pose_of(Rotation.random(random_state=rng), rng.uniform(-2000.0, 2000.0, 3))
     target = nominal.tool @ small_motion(np.concatenate([rng.uniform(-60, 60, 3), rng.uniform(-0.5, 0.5, 3)]))
-    truth = erroneous(rng, nominal, nominal.link_names, added)
+    truth = erroneous(rng, nominal, nominal.link_names, added, errors)
     truth = replace(truth, base=place, tool=target, joint_errors=besides)
     roughly = [small_motion(rng.normal(0.0, [3.0] * 3 + [0.003] * 3)) for _ in range(2)]
     rough = replace(nominal, base=place @ roughly[0], tool=target @ roughly[1])

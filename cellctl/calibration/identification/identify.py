@@ -33,6 +33,7 @@ from cellctl.calibration.prediction.predict import predict_rows
 from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.rows.type_rows import OF_TYPE, TypeRows
 from cellctl.calibration.selection.cross_validation import Folded, Linear
 from cellctl.calibration.selection.model_error import (
     ROWS_AT_LEAST,
@@ -47,7 +48,7 @@ from cellctl.calibration.selection.model_error import (
     worst_end,
 )
 from cellctl.calibration.solver.estimate import Estimate, covariance_of, estimate, triangle_with_model_error
-from cellctl.calibration.solver.evidence import Factor, estimated, factors, unexpected
+from cellctl.calibration.solver.evidence import Factor, estimated, factors, unexpected, unlike_its_type
 from cellctl.calibration.solver.tool_search import initial_states, with_rival_tools
 from cellctl.kinematics import Bools, Floats
 
@@ -218,7 +219,7 @@ def identify(
         if unexpected(with_them.found, inliers.noisier(scaled.scales.noise)):
             break  # the better model does not explain these rows either
         kept, nominal, scaled = kept | back, wider_nominal, with_them
-    there = {*scaled.found.unknowns.scaled_with, *scaled.found.unknowns.groups}
+    there = {*scaled.found.unknowns.scaled_with, *scaled.found.unknowns.groups, OF_TYPE}
     found = Identification(
         nominal=nominal,
         identified=scaled.found,
@@ -235,7 +236,8 @@ def identify(
         if block.of_instrument:  # what the other terms left is in the maps' σ: its points are as precise as they state
             noise[own] = np.where(block.of_length, 1.0, noise[own])
     # that noise would count a second time in the parameters: their error is in what the maps learnt
-    blocks, plain = [*inliers.noisier(noise).blocks, *certified_rows(task)], found.identified
+    fixed = fixed_rows(task, found.prior_scale)
+    blocks, plain = [*inliers.noisier(noise).blocks, *fixed], found.identified
     plain = replace(plain, covariance=covariance_of(plain, plain.unknowns, blocks))
     return replace(found, identified=with_maps(plain, inliers), noise=noise, without_maps=found)
 
@@ -251,7 +253,7 @@ def _with_residual_model(
         return None
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
     start, known = nominal_start(wider, rows), scaled.scales.factors(rows)
-    scales = scales_with(kind.group, scaled.found, start, sample, certified_rows(task), known)
+    scales = scales_with(kind.group, scaled.found, start, sample, fixed_rows(task), known)
     if scales is None or not _predicts_better(kind, wider, start, rows, scaled, scales):
         return None
     return wider, Scales.of(rows, scales)
@@ -271,7 +273,7 @@ def _predicts_better(
     some = rows.pick(judging(len(rows)))
     begin = carried(scaled.found, unknowns)
     folded = Folded.of(
-        unknowns, begin, some, certified_rows(task), random_folds(some.q), task.registration_parameters(unknowns)
+        unknowns, begin, some, fixed_rows(task), random_folds(some.q), task.registration_parameters(unknowns)
     )
     without = ~unknowns.among(frozenset({kind.group}))[unknowns.free]
     logs = [{f: float(np.log(v)) for f, v in each.items()} for each in (scaled.scales.factors(rows), scales)]
@@ -288,9 +290,9 @@ def identify_kept(task: Task, rows: RowBlocks, scales: Scales | None = None) -> 
     nominal = registered(task, rows)
     start, *others = _starts(task, nominal, rows)
     if scales is None:
-        scaled = _fit_with_estimated_scales(start, rows, certified_rows(task))
+        scaled = _fit_with_estimated_scales(start, rows, fixed_rows(task))
     else:
-        scaled = _fit_with(scales, start, rows, certified_rows(task))
+        scaled = _fit_with(scales, start, rows, fixed_rows(task))
     if not task.has_new_tool:
         return nominal, scaled
     noisy, states = rows.noisier(scaled.scales.noise), [each.start for each in (start, *others)]
@@ -397,8 +399,21 @@ def _unobservable_placements(unknowns: Unknowns, blocks: Sequence[Rows], taught:
 
 
 def certified_rows(task: Task) -> list[Rows]:
-    """Rows that are never outliers."""
+    """Certified distances, which are never outliers."""
     return [task.spacings] if task.spacings is not None else []
+
+
+def fixed_rows(task: Task, prior_scale: Mapping[Group, float] | None = None) -> list[Rows]:
+    """All that is fitted besides the rows: certified distances, and what the robot's type tells. The latter is no
+    measurement of this robot: it makes nothing observable, and registers nothing.
+    """
+    return [*certified_rows(task), *_widened([task.type_rows] if task.type_rows else [], prior_scale or {})]
+
+
+def _widened(blocks: Sequence[Rows], prior_scale: Mapping[Group, float]) -> list[Rows]:
+    """`blocks`, those of a type with their σ as the evidence scales it."""
+    factor = prior_scale.get(OF_TYPE, 1.0)
+    return [block.noisier(factor) if isinstance(block, TypeRows) else block for block in blocks]
 
 
 def _search_inliers(task: Task, rows: RowBlocks) -> Bools:
@@ -411,14 +426,16 @@ def _search_inliers(task: Task, rows: RowBlocks) -> Bools:
     start = _starts(task, _registered_on_closest(task, rows), rows)[0]
     start = start.masked(~start.among(functions()))  # hundreds of amounts that hide no outlier are held
     unknowns, deviations, noise = start, np.zeros(len(start.names)), np.ones(len(rows.quantities))
+    scale: Mapping[Group, float] = {}
     before = None
     for _ in range(ROUNDS):
         balanced = rows.noisier(noise / noise.min())
-        linear = Linear.about(unknowns, deviations, balanced, certified_rows(task))
+        linear = Linear.about(unknowns, deviations, balanced, _widened(fixed_rows(task), scale))
         kept = find_inliers(linear, thorough=before is not None).kept  # nominal is too far from the rows for that
         if before is not None and np.array_equal(kept, before):
             break
-        scaled = _fit_with_estimated_scales(start, rows.pick(kept), certified_rows(task), deviations)
+        scaled = _fit_with_estimated_scales(start, rows.pick(kept), fixed_rows(task), deviations)
+        scale = scaled.scales.prior_scale
         unknowns, deviations, noise = scaled.found.unknowns, scaled.found.deviations, scaled.scales.noise
         before = kept
     return kept
@@ -442,7 +459,7 @@ def _fit_with_estimated_scales(
 ) -> ScaledFit:
     """The fit, repeated with noise and tolerances from the evidence of its residuals until these settle."""
     result = _fit_with(Scales.as_stated(rows), unknowns, rows, others, begin)
-    if not estimated(unknowns) and not unexpected(result.found, rows):
+    if not estimated(unknowns) and not unexpected(result.found, rows) and not unlike_its_type(result.found, others):
         return result
     sample = rows.pick(sampled(rows, SEARCHED)) if len(rows) > SEARCHED else rows
     for _ in range(SCALINGS):
@@ -456,7 +473,7 @@ def _fit_with_estimated_scales(
 def _fit_with(
     scales: Scales, unknowns: Unknowns, rows: RowBlocks, others: Sequence[Rows], begin: Floats | None = None
 ) -> ScaledFit:
-    blocks = [*rows.noisier(scales.noise).blocks, *others]
+    blocks = [*rows.noisier(scales.noise).blocks, *_widened(others, scales.prior_scale)]
     return ScaledFit(_fit(unknowns.with_prior_scale(scales.prior_scale), blocks, begin), scales)
 
 

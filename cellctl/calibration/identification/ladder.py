@@ -17,7 +17,7 @@ import numpy as np
 
 from cellctl.calibration.effects import Effect, ResidualModel, functions, in_order, kinds
 from cellctl.calibration.folds import end_folds, judging, random_folds
-from cellctl.calibration.identification.identify import Scales, certified_rows, identify_kept, nominal_start
+from cellctl.calibration.identification.identify import Scales, fixed_rows, identify_kept, nominal_start
 from cellctl.calibration.identification.learning import ALONG, TcpShift
 from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.calibration.model.parameter import Group
@@ -184,7 +184,7 @@ class _Ladder:
         unknowns = nominal_start(whole, rows)
         registering = whole.registration_parameters(unknowns)
         folded = Folded.of(
-            unknowns, carried(found, unknowns), rows, certified_rows(task), random_folds(rows.q), registering
+            unknowns, carried(found, unknowns), rows, fixed_rows(whole), random_folds(rows.q), registering
         )
         groups = np.array(unknowns.groups)[unknowns.free]
         return cls(task, candidates, rows, folded, groups, registering[unknowns.free])

@@ -17,6 +17,7 @@ from cellctl.calibration.problem.measured_region import MeasuredRegion
 from cellctl.calibration.problem.registration import fixed_points, on_instrument, with_datums
 from cellctl.calibration.rows import Measured, SpacingRows
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.rows.type_rows import TypePrior, TypeRows
 from cellctl.kinematics import Bools, Floats
 
 
@@ -48,6 +49,7 @@ class Task:
     nominal: the robot as in its file, where `model` is a prior model: the baseline for the identified robot; None:
     `model` itself. region: where the prior model was measured; None: unknown.
 
+    type_prior: what robots of the same type tell of the model's parameters, besides the tolerances; or None.
     candidates: effects that may be added to the model, in this order, as far as the rows support them (`ladder`); None:
     the model's terms are fixed.
     """
@@ -66,6 +68,7 @@ class Task:
     datum_sigmas: tuple[float, ...] = ()
     nominal: RobotModel | None = None
     region: MeasuredRegion | None = None
+    type_prior: TypePrior | None = None
 
     def __post_init__(self) -> None:
         if self.prior is not None and self.candidates is not None:
@@ -100,6 +103,11 @@ class Task:
         In partial work those that are free: a prior model is registered as the identified robot is.
         """
         return PLACED & self.free_groups if self.is_partial_update else PLACED
+
+    @property
+    def type_rows(self) -> TypeRows | None:
+        """What the type tells of the parameters of this model."""
+        return self.type_prior.rows(self.model, self.tolerances) if self.type_prior else None
 
     @property
     def of_nominal(self) -> Self:

@@ -40,6 +40,7 @@ from cellctl.calibration.model.parameter import Group
 from cellctl.calibration.model.unknowns import Unknowns
 from cellctl.calibration.rows import Rows
 from cellctl.calibration.rows.row_blocks import RowBlocks
+from cellctl.calibration.rows.type_rows import OF_TYPE, of_type
 from cellctl.calibration.solver.estimate import Estimate, linearised, pins
 from cellctl.kinematics import Bools, Floats
 
@@ -53,7 +54,8 @@ UNEXPECTED = 2.5
 Of 100 clean sums 0.6 (large ν) to 3 (ν = 1) are. A false alarm only costs time: `SUPPORTED` decides."""
 
 Factor: TypeAlias = tuple[str, int]
-"""What may be larger than stated: ("noise", number in `RowBlocks.quantities`) or (a group of parameters, 0)."""
+"""What may be larger than stated: ("noise", number in `RowBlocks.quantities`), (a group of parameters, 0), or
+(`OF_TYPE`, 0), the spread of a type about its mean. Student's t is such a mixture of normal distributions."""
 
 _NEVER_SCALED = ("points", "datums", "base")
 """Groups whose prior is flat, or stated by whoever measured the zero: there is nothing to widen."""
@@ -90,6 +92,14 @@ def unexpected(found: Estimate, rows: RowBlocks) -> bool:
             if _beyond(float(mine.sum()), mine.size * share):
                 return True
     return _unexpected_parameters(found)
+
+
+def unlike_its_type(found: Estimate, others: Sequence[Rows]) -> bool:
+    """Whether the robot is further from its type than the robots of the prior predict, if `others` have a type's
+    rows.
+    """
+    squares = [(block.residual(found.state) / block.sigma) ** 2 for block in of_type(others)]
+    return any(_beyond(float(each.sum()), each.size) for each in squares)
 
 
 def _unexpected_parameters(found: Estimate) -> bool:
@@ -214,6 +224,9 @@ class System:
             for quantity in dict.fromkeys(block.quantities if len(block) else ()):
                 mine = np.array(block.quantities) == quantity
                 numbers["noise", own.start + int(np.argmax(mine))] = NormalEquations.of(columns[:, mine], away[:, mine])
+        for told in of_type(certified):
+            numbers[OF_TYPE, 0] = NormalEquations.of(*of(told))
+        certified = [block for block in certified if not of_type([block])]
         loose = tuple(group for group in scalable(unknowns) if group != "links" or _measures_length(rows, certified))
         place, names = {name: number for number, name in enumerate(loose)}, unknowns.scaled_with
         return cls(

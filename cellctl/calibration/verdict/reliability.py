@@ -11,7 +11,7 @@ import numpy as np
 
 from cellctl.calibration.distributions import binomial_cdf, chi2_isf
 from cellctl.calibration.folds import end_folds, evenly, judging, random_folds
-from cellctl.calibration.identification.identify import Identification, Scales, certified_rows
+from cellctl.calibration.identification.identify import Identification, Scales, fixed_rows
 from cellctl.calibration.model.residual_model import PostureBasis
 from cellctl.calibration.problem.measured_region import OUTSIDE, MeasuredRegion
 from cellctl.calibration.problem.task import Task
@@ -84,7 +84,9 @@ def _tails_and_outside(task: Task, found: Identification, used: RowBlocks, most:
     rows = used.pick(judging(len(used)))
     unknowns, deviations = found.identified.unknowns, found.identified.deviations
     registering = task.registration_parameters(unknowns)
-    folded = Folded.of(unknowns, deviations, rows, certified_rows(task), random_folds(rows.q), registering)
+    folded = Folded.of(
+        unknowns, deviations, rows, fixed_rows(task, found.prior_scale), random_folds(rows.q), registering
+    )
     logs = {factor: float(np.log(value)) for factor, value in Scales(found.noise, {}).factors(rows).items()}
     everything = np.ones(int(unknowns.free.sum()), bool)
     inner = folded.predicted(everything, logs, again=len(rows) <= FEW)
