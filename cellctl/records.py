@@ -166,7 +166,7 @@ class Figures:
     max: float | None
 
 
-PASSED = frozenset({"better", "in control", "baseline", "measured"})
+PASSED = frozenset({"better", "agree", "in control", "baseline", "measured"})
 """Verdicts with which a run ends well. The last three are of a check of a robot, which compares with no model."""
 
 

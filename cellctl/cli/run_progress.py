@@ -231,6 +231,9 @@ def show_end(outcome: Outcome, result: RunResult, folder: Path, *, quiet: bool) 
 _STYLES = {
     "better": "bold green",
     "in control": "bold green",
+    "agree": "bold green",
+    "not known": "bold yellow",
+    "disagree": "bold red",
     "no better": "bold yellow",
     "measure again": "bold yellow",
     "worse": "bold red",

@@ -21,7 +21,7 @@ from cellctl.operations.replay import Agreement, ArtefactReplay, FolderFile, Rep
 from cellctl.operations.results import as_json
 from cellctl.operations.run_list import RunFilter, RunSummary, run_rows, run_summary
 from cellctl.report import FILE_NAME, write_report
-from cellctl.report.figures import fixed, with_sigma
+from cellctl.report.figures import agreement_lines, fixed, with_sigma
 
 _COLUMNS = ["run", "began", "state", "points", "verdict", "table"]
 _KEYS = ("run", "began", "state", "points", "verdict", "table_state")
@@ -330,7 +330,16 @@ def compared_words(found: RunComparison) -> Iterator[str]:
     if found.models is None:
         yield f"  No parameters are compared: {found.why_not}."
         return
+    yield from _of_agreement(found)
     yield from _of_models(found.models)
+
+
+def _of_agreement(found: RunComparison) -> Iterator[str]:
+    if found.agreement is None:
+        yield f"  Whether the calibrations agree is not judged: {found.no_agreement}."
+        return
+    yield f"  {found.agreement.sentence}"
+    yield from (f"  {words}" for words in agreement_lines(found.agreement))
 
 
 def _of_models(models: ModelDifference) -> Iterator[str]:

@@ -179,6 +179,9 @@ _STATES: dict[str, State] = {
 _VERDICTS: dict[str, State] = {
     "better": "good",
     "in control": "good",
+    "agree": "good",
+    "not known": "warning",
+    "disagree": "bad",
     "measured": "good",
     "baseline": "off",
     "no better": "warning",

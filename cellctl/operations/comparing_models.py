@@ -1,13 +1,6 @@
 """The difference of two identified models of one nominal robot: each parameter, the TCP, and whether it is above σ.
 
-Both fits start from the same prior, so their results are not independent: a parameter that no row determines is the
-same in both, with the σ of its prior. For true deviations θ ~ N(0, P) a fit's result is m = θ − S θ + noise, with
-S = C P⁻¹ (C: covariance after the rows), and the noise has the covariance C − C P⁻¹ C. The difference of two fits of
-the same robot has the covariance
-
-    V = (C_a − C_a P_a⁻¹ C_a) + (C_b − C_b P_b⁻¹ C_b) + (S_a − S_b) P (S_a − S_b)ᵀ
-
-It is C_a + C_b where the rows determine everything, and 0 where they determine nothing.
+Both fits start from the same prior, so their results are not independent (`difference_covariance`).
 """
 
 from __future__ import annotations
@@ -23,6 +16,7 @@ from cellctl.calibration import RobotModel
 from cellctl.calibration.distributions import chi2_sf, normal_sf
 from cellctl.calibration.prediction.predict import shape_columns
 from cellctl.calibration.problem.registration import rigid_fit
+from cellctl.calibration.verdict.agreement import difference_covariance
 from cellctl.formats import ModelFile
 from cellctl.formats.model import Parameter
 from cellctl.kinematics import Bools, Floats
@@ -246,20 +240,6 @@ class _Comparison:
         if (lower >= upper).any():
             return None
         return np.asarray(np.random.default_rng(_SEED).uniform(lower, upper, (_POSTURES, len(lower))))
-
-
-def difference_covariance(cov_a: Floats, prior_a: Floats, cov_b: Floats, prior_b: Floats) -> Floats:
-    """Covariance (P, P) of the difference of two fits of an unchanged robot (V above).
-
-    cov_a, cov_b (P, P): after the rows; prior_a, prior_b (P,): variances before them, 0 for a parameter that is held.
-    """
-    weight_a, weight_b = (
-        np.divide(1.0, prior, out=np.zeros_like(prior), where=prior > 0) for prior in (prior_a, prior_b)
-    )
-    noise = cov_a - cov_a * weight_a @ cov_a + cov_b - cov_b * weight_b @ cov_b
-    shrunk = cov_a * weight_a - cov_b * weight_b
-    found: Floats = noise + shrunk * np.maximum(prior_a, prior_b) @ shrunk.T
-    return found
 
 
 def _test(difference: Floats, variance: Floats) -> tuple[float, int, float]:

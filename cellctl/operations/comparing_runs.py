@@ -13,9 +13,11 @@ import numpy as np
 from pydantic import computed_field
 
 from cellctl.calibration import RobotModel
+from cellctl.calibration.verdict.agreement import Agreement
 from cellctl.files import InputError
 from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
+from cellctl.operations.agreement import DATA, models_agree, shared_rows
 from cellctl.operations.comparing_models import (
     ComparedNumber,
     ModelDifference,
@@ -65,7 +67,8 @@ class ComparedFigure(ComparedNumber):
 class RunComparison:
     """Runs a and b: names, facts and figures, and the difference of their models; None for the reason `why_not`.
 
-    notes: what else to know, a sentence each.
+    agreement: of the calibrations, by their own covariances; None for the reason `no_agreement`. notes: what else to
+    know, a sentence each.
     """
 
     a: str
@@ -74,6 +77,8 @@ class RunComparison:
     figures: tuple[ComparedFigure, ...]
     models: ModelDifference | None
     why_not: str
+    agreement: Agreement | None
+    no_agreement: str
     notes: tuple[str, ...]
 
 
@@ -82,7 +87,9 @@ def compare_runs(a: Path, b: Path) -> RunComparison:
     rows = [run_summary(place, fold(read_journal(place))) for place in (a, b)]
     facts = tuple(ComparedFact(name, *(texts.get(name, "–") for texts in map(_facts, rows))) for name in _names(rows))
     models, why_not = _models(a, b)
-    return RunComparison(a.name, b.name, facts, tuple(_figures(*rows)), models, why_not, tuple(_notes(*rows)))
+    agreed, no_agreement = (None, why_not) if models is None else _agreement(a, b)
+    figures, notes = tuple(_figures(*rows)), tuple(_notes(*rows))
+    return RunComparison(a.name, b.name, facts, figures, models, why_not, agreed, no_agreement, notes)
 
 
 def model_of(place: Path) -> ModelFile | None:
@@ -102,6 +109,19 @@ def _models(a: Path, b: Path) -> tuple[ModelDifference | None, str]:
         return None, f"no model was identified in {' and '.join(without)}"
     why = incomparable(first, second)
     return (None, why) if why else (model_difference(first, second), "")
+
+
+def _agreement(a: Path, b: Path) -> tuple[Agreement | None, str]:
+    """Whether the runs' calibrations agree, or why that cannot be said."""
+    first, second = model_of(a), model_of(b)
+    assert first is not None
+    assert second is not None
+    if shared := shared_rows(*(place / DATA for place in (a, b))):
+        return None, f"{shared} rows are in the data sets of both: they would agree by these"
+    try:
+        return models_agree(first, second), ""
+    except ValueError as error:
+        return None, str(error)
 
 
 def _notes(a: RunSummary, b: RunSummary) -> Iterator[str]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
+from cellctl.calibration.verdict.agreement import Agreement
 from cellctl.formats.measurements.kinds import noun_of
 
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
@@ -167,3 +168,17 @@ def _texts(errors: Mapping[str, Any] | None, count: int) -> tuple[str, str, str]
         return "", "", ""
     mean = mean_with_uncertainty(errors["mean"], errors["rms"], count)
     return mean, fixed(errors["rms"]), fixed(errors["max"])
+
+
+def agreement_lines(agreed: Agreement) -> list[str]:
+    """The figures of two calibrations a and b of one robot, in sentences."""
+    lines = []
+    if (figures := agreed.figures) is not None:
+        lines.append(
+            f"In the {agreed.degrees_of_freedom} directions that both determined: {fixed(figures.difference_rms_mm)} "
+            f"mm apart (RMS), σ {fixed(figures.sigma_rms_mm)} mm; b is larger than a by "
+            f"{with_sigma(figures.scale_ppm, figures.scale_sigma_ppm)} ppm (1 σ)."
+        )
+    if agreed.not_determined:
+        lines.append(f"Not determined by both: {', '.join(agreed.not_determined)}.")
+    return lines

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellctl.calibration.verdict.agreement import difference_covariance
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
 from cellctl.journal import Journal, Recorded, RunStarted, SourceFile
-from cellctl.operations.comparing_models import difference_covariance, model_difference
+from cellctl.operations.comparing_models import model_difference
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.run_list import run_rows
 from tests.helpers.arms import KR5_ERRORS, kr5_model

@@ -12,6 +12,7 @@ from cellctl.console.appearance import (
     COLOURS,
     command_button,
     figures,
+    look_of_verdict,
     numbers,
     problem_list,
     section,
@@ -35,7 +36,7 @@ from cellctl.operations.comparing_runs import (
 from cellctl.operations.results import Failure
 from cellctl.operations.run_folder import run_named
 from cellctl.operations.run_list import RunSummary
-from cellctl.report.figures import fixed, with_sigma
+from cellctl.report.figures import agreement_lines, fixed, with_sigma
 
 _MOST_CHARTS = 12
 
@@ -85,6 +86,7 @@ async def _comparison(a: str, b: str) -> None:
         if found.models is None:
             ui.label(f"Not compared: {found.why_not}.").classes("note")
         else:
+            _agreement(found)
             _models(found.models)
 
 
@@ -110,6 +112,16 @@ def _errors(found: RunComparison) -> None:
     with section("Held-out errors, mm", note=note):
         columns = [*words(""), *numbers("a", "b", "b − a, ± 1 σ"), *words("above 2 σ")]
         figures(columns, rows, label="Errors")
+
+
+def _agreement(found: RunComparison) -> None:
+    agreed = found.agreement
+    if agreed is None:
+        ui.label(f"Whether the calibrations agree is not judged: {found.no_agreement}.").classes("note")
+        return
+    state_word(look_of_verdict(agreed.verdict), agreed.sentence)
+    for line in agreement_lines(agreed):
+        ui.label(line).classes("note")
 
 
 def _models(models: ModelDifference) -> None:

@@ -2,4 +2,7 @@
 
 from cellctl.procedure import StepDescription
 
-STEPS = (StepDescription("by_tracker.judge", ".verdict", "judging the model by the tracker"),)
+STEPS = (
+    StepDescription("by_tracker.judge", ".verdict", "judging the model by the tracker"),
+    StepDescription("by_tracker.cross_check", ".agreeing", "comparing both calibrations"),
+)

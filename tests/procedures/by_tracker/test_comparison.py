@@ -54,9 +54,13 @@ class Judged:
 
 
 def run_of(
-    folder: Path, seen: Callable[[np.ndarray], np.ndarray] = lambda points: points, noise: np.ndarray = NOISE_MM
-) -> Judged:
-    """Touches on three spheres and poses, of one robot; `seen`: what the instrument makes of places in its frame.
+    folder: Path,
+    seen: Callable[[np.ndarray], np.ndarray] = lambda points: points,
+    noise: np.ndarray = NOISE_MM,
+    last: Any = judge,
+) -> Any:
+    """The context of touches on three spheres and poses, of one robot, after the step `last`; `seen`: what the
+    instrument makes of places in its frame.
 
     noise (3,): 1 σ along the instrument's axes, mm.
     """
@@ -71,7 +75,13 @@ def run_of(
     robot_file = PROCEDURES / "robots" / "kr5_r1400.yaml"
     context: Any = Context(rows=rows, run_folder=folder, robot_file=robot_file, cell=load_yaml(cell))
     asyncio.run(identify(context, IdentifyInputs(model="geometry")))
-    asyncio.run(judge(context, NoInputs()))
+    asyncio.run(last(context, NoInputs()))
+    return context
+
+
+def judged_run(folder: Path, **differently: Any) -> Judged:
+    """A run (`run_of`) that ends in a verdict by the tracker."""
+    context = run_of(folder, **differently)
     return Judged(context, context.recorded(ByTrackerVerdict)[-1], context.recorded(JudgedPosesRow)[-1])
 
 
@@ -145,7 +155,7 @@ def _readings(q: np.ndarray) -> list[tuple[float, ...]]:
 
 @pytest.fixture(scope="module")
 def judged(tmp_path_factory: pytest.TempPathFactory) -> Judged:
-    return run_of(tmp_path_factory.mktemp("judged"))
+    return judged_run(tmp_path_factory.mktemp("judged"))
 
 
 def test_the_model_from_the_touches_is_better_than_nominal_and_the_trackers_own_is_the_floor(judged: Judged) -> None:
@@ -196,13 +206,13 @@ def test_the_result_states_that_the_profile_is_noise_only_and_that_nothing_was_p
 
 
 def test_an_instrument_with_another_scale_than_the_spheres_is_seen_in_the_scale(judged: Judged, tmp_path: Path) -> None:
-    stretched = run_of(tmp_path, seen=lambda points: 1.001 * points)
+    stretched = judged_run(tmp_path, seen=lambda points: 1.001 * points)
     true, other = (each.figures.touches.directions for each in (judged, stretched))
     assert other.scale_ppm - true.scale_ppm == pytest.approx(1000.0, abs=50.0)
     assert abs(true.scale_ppm) < 200.0
 
 
 def test_errors_are_along_the_axes_of_the_robots_base(tmp_path: Path) -> None:
-    found = run_of(tmp_path, noise=np.array([0.3, 0.01, 0.01])).figures.tracker.directions
+    found = judged_run(tmp_path, noise=np.array([0.3, 0.01, 0.01])).figures.tracker.directions
     assert found.y == pytest.approx(0.3, rel=0.35)
     assert max(found.x, found.z) < 0.1
