@@ -199,9 +199,9 @@ class MovingArm:
         before = self.scatter_now()
         self.commanded = target
         self._scatter_before, self._scatter = before, self.draw(target)
+        deepest_mm = self.deepest_mm()
         self._follow(motion, then)
-        gap, _ = self._world.gap(self.links(motion.start_ns), before)
-        self._deepest_mm = min(gap - COLLISION_MARGIN_MM, -COLLISION_MM)
+        self._deepest_mm = deepest_mm
         self._look_ahead()
 
     def brake(self, then: Then) -> None:
@@ -212,14 +212,22 @@ class MovingArm:
         self._follow(Braking(state.joints, state.velocity, self._accelerations, now), then)
         self._look_ahead()
 
-    def follow_cycle(self, motion: Motion, scatter: Vector | None = None) -> None:
-        """One interpolation cycle with a sensor's correction; the next motion must begin where it ends.
+    def deepest_mm(self) -> float:
+        """The gap of the tip, negative, at which a motion from here counts as a collision."""
+        now = self._kernel.now
+        gap, _ = self._world.gap(self.links(now), self._scatter_now(now))
+        return min(gap - COLLISION_MARGIN_MM, -COLLISION_MM)
 
-        `scatter`: at its end, where the program moves; None: as it is.
+    def follow_cycle(self, motion: Motion, scatter: Vector | None = None, deepest_mm: float | None = None) -> None:
+        """One interpolation cycle of a controller that interpolates itself; the next motion must begin where it ends.
+
+        `scatter`: at its end, where the program moves; None: as it is. `deepest_mm`: see there; None: in a search, in
+        which the spring mount gives way.
         """
         if scatter is not None:
             self._scatter_before, self._scatter = self.scatter_now(), scatter
         self._follow(motion, None)
+        self._deepest_mm = deepest_mm
         self._look_ahead()
 
     def stand(self) -> None:
