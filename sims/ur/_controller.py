@@ -12,13 +12,11 @@ from sims.faults import MOVE
 from sims.kernel import Event
 from sims.simulator import Refused, Request, Setup
 from sims.ur._board import Board
-from sims.ur._description import PROGRAM, SPEED
-from sims.ur._functions import builtins_of
-from sims.ur._functions_io import SocketFunctions
 from sims.ur._kinematics import AXES, Model, calibrated_rows
 from sims.ur._messages import Messages
 from sims.ur._modes import JointMode, RobotMode, SafetyMode
 from sims.ur._motion import Limits, Motion
+from sims.ur._names import PROGRAM, SPEED
 from sims.ur._runtime import Runtime
 
 CYCLES_NS = {"e": 2_000_000, "cb3": 8_000_000}
@@ -63,8 +61,6 @@ class Controller:
         self.messages = Messages(self.timestamp_us)
         folder = cell.folder / settings["programs"] if settings["programs"] else None
         self.runtime = Runtime(self.motion, self.messages, folder, lambda: self.ready, self._program_began)
-        self.sockets = SocketFunctions(self)
-        self.runtime.builtins = builtins_of(self)
         self.mode = RobotMode.RUNNING if settings["power"] == "running" else RobotMode.POWER_OFF
         self.safety = SafetyMode.NORMAL
         self.popup = ""
@@ -192,7 +188,7 @@ class Controller:
 
     def restart_safety(self) -> None:
         """After a fault or violation: the arm is then off."""
-        if self.safety in (SafetyMode.VIOLATION, SafetyMode.PROTECTIVE_STOP):
+        if self.safety is SafetyMode.PROTECTIVE_STOP:
             self._set_safety(SafetyMode.NORMAL)
         self.power_off()
 

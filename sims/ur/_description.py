@@ -6,9 +6,7 @@ from urllib.parse import urlsplit
 
 from sims.faults import MOVE
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
-
-PROGRAM = "ur.program"
-SPEED = "ur.speed"
+from sims.ur._names import PROGRAM, SPEED
 
 
 def _start(setup: Setup) -> Started:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
+from sims.ur._controller import Controller
 from sims.ur._functions_data import DataFunctions
-from sims.ur._functions_io import IoFunctions
+from sims.ur._functions_io import IoFunctions, SocketFunctions
 from sims.ur._functions_robot import RobotFunctions
 from sims.ur._script_expressions import ScriptError, Value
 from sims.ur._script_machine import Builtin
-
-if TYPE_CHECKING:
-    from sims.ur._controller import Controller
 
 NOT_SIMULATED = (
     "direct_torque", "enable_external_ft_sensor", "end_force_mode", "end_freedrive_mode", "end_teach_mode",
@@ -27,7 +24,12 @@ NO_FUNCTION = ("close_all",)
 
 def builtins_of(controller: Controller) -> Mapping[str, Builtin]:
     """Name → function; one that takes time is a generator."""
-    groups = [DataFunctions(controller.seed), RobotFunctions(controller), IoFunctions(controller), controller.sockets]
+    groups = [
+        DataFunctions(controller.seed),
+        RobotFunctions(controller),
+        IoFunctions(controller),
+        SocketFunctions(controller),
+    ]
     found: dict[str, Builtin] = {name: _refusing(name) for name in NOT_SIMULATED}
     for group in groups:
         names = [name for name in dir(group) if not name.startswith("_") and name not in NO_FUNCTION]

@@ -10,8 +10,6 @@ from typing import final
 from sims.ur import _poses
 from sims.ur._script_expressions import PoseValue, ScriptError, Value, shown
 
-BYTE_BITS = 8
-
 
 @final
 class DataFunctions:

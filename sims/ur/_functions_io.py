@@ -7,13 +7,11 @@ import socket
 import struct
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, final
+from typing import final
 
 from sims.ur._board import CONFIGURABLE, STANDARD, TOOL
+from sims.ur._controller import Controller
 from sims.ur._script_expressions import Halt, Running, ScriptError, Value, shown
-
-if TYPE_CHECKING:
-    from sims.ur._controller import Controller
 
 TIMEOUT_S = 2.0
 """Of a read or a connection where the program states none."""

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
+from typing import final
 
 from sims.ur._board import Payload
+from sims.ur._controller import Controller
 from sims.ur._functions_data import pose
 from sims.ur._kinematics import ORIENTATION_RAD, POSITION_M, Joints
 from sims.ur._motion import six
 from sims.ur._poses import matrix_of, pose_of
 from sims.ur._script_expressions import PoseValue, Running, ScriptError, Value
-
-if TYPE_CHECKING:
-    from sims.ur._controller import Controller
 
 NO_SOLUTION = "get_inverse_kin: unable to find an inverse kinematics solution"
 FORCE_DAMPING, FORCE_GAIN = (0.0, 1.0), (0.0, 2.0)

@@ -24,14 +24,12 @@ class SafetyMode(IntEnum):
     PROTECTIVE_STOP = 3
     SAFEGUARD_STOP = 5
     ROBOT_EMERGENCY_STOP = 7
-    VIOLATION = 8
 
 
 @final
 class RuntimeState(IntEnum):
     """Of the program."""
 
-    STOPPING = 0
     STOPPED = 1
     PLAYING = 2
     PAUSING = 3
@@ -53,14 +51,13 @@ EMERGENCY_STOPS = (SafetyMode.ROBOT_EMERGENCY_STOP,)
 def safety_status_bits(mode: SafetyMode) -> int:
     """The bits of RTDE's `safety_status_bits`."""
     emergency = mode in EMERGENCY_STOPS
-    held = mode not in (SafetyMode.NORMAL,)
+    held = mode is not SafetyMode.NORMAL
     bits = {
         0: mode is SafetyMode.NORMAL,
         2: mode is SafetyMode.PROTECTIVE_STOP,
         4: mode is SafetyMode.SAFEGUARD_STOP,
         6: mode is SafetyMode.ROBOT_EMERGENCY_STOP,
         7: emergency,
-        8: mode is SafetyMode.VIOLATION,
         10: held,
     }
     return sum(1 << bit for bit, on in bits.items() if on)

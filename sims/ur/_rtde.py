@@ -20,8 +20,8 @@ SETUP_OUTPUTS, SETUP_INPUTS, START, PAUSE = b"O", b"I", b"S", b"P"
 VERSIONS = (1, 2)
 """Of the protocol."""
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
-ERROR, WARNING = 1, 2
-"""Levels of a text message."""
+ERROR = 1
+"""Level of a text message."""
 HEAD = struct.Struct(">Hc")
 LONGEST_NAMES = 2048
 MOST_RECIPES = 255

@@ -57,6 +57,7 @@ class Runtime:
         self.loaded = ""
         self.watchdogs: dict[str, Watchdog] = {}
         self.builtins: Mapping[str, Builtin] = {}
+        self.on_ended: Callable[[], object] = lambda: None
         self._motion, self._reports, self._folder = motion, reports, folder
         self._ready, self._started = ready, started
 
@@ -135,6 +136,7 @@ class Runtime:
         self.machine = None
         self.state, self._motion.pausing = RuntimeState.STOPPED, False
         self.watchdogs.clear()
+        self.on_ended()
         self._reports.key("PROGRAM_XXX_STOPPED", name)
         return True
 

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Generator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, final
-
-if TYPE_CHECKING:
-    from sims.ur._script_machine import Machine, Thread
+from typing import Any, Protocol, TypeAlias, final
 
 Value = Any
 """bool, int, float, str, None, a list of values, or a PoseValue."""
@@ -56,12 +53,43 @@ def shown(value: Value) -> str:
 
 
 @final
+class Thread:
+    """`number`: what `run` gives; `line`: where it is; `critical`: no other thread may run."""
+
+    def __init__(self, number: int) -> None:
+        self.number, self.line, self.spent = number, 0, 0
+        self.critical = False
+        self.running: Running | None = None
+
+
+class Runner(Protocol):
+    """What executes the program."""
+
+    functions: Mapping[str, Any]
+
+    def builtin(self, name: str, values: Sequence[Value], named: Mapping[str, Value], line: int) -> Value:
+        """Call a function of the controller. Raises ScriptError."""
+
+    def spend(self, thread: Thread) -> Running:
+        """A loop or a call uses some of a thread's time."""
+
+    def start_thread(self, name: str, program: Frame, line: int) -> int:
+        """Start a thread of the program; its number. Raises ScriptError."""
+
+    def kill(self, number: Value) -> None:
+        """End a thread."""
+
+    def alive(self, number: Value) -> bool:
+        """Whether a thread is still there."""
+
+
+@final
 class Frame:
     """Variables of a function that runs, in the scope of its program."""
 
     __slots__ = ("machine", "names", "outer", "thread")
 
-    def __init__(self, machine: Machine, thread: Thread, outer: Frame | None) -> None:
+    def __init__(self, machine: Runner, thread: Thread, outer: Frame | None) -> None:
         self.machine, self.thread, self.outer = machine, thread, outer
         self.names: dict[str, Value] = {}
 

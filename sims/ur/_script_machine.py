@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from inspect import Signature, signature
 from typing import final
 
-from sims.ur._script_expressions import Frame, Halt, Running, ScriptError, Value
+from sims.ur._script_expressions import Frame, Halt, Running, ScriptError, Thread, Value
 from sims.ur._script_parser import Script
 from sims.ur._script_statements import Function, called, execute
 
@@ -17,22 +17,12 @@ Builtin = Callable[..., Value]
 
 
 @final
-class Thread:
-    """`number`: what `run` gives; `line`: where it is; `critical`: no other thread may run."""
-
-    def __init__(self, number: int) -> None:
-        self.number, self.line, self.spent = number, 0, 0
-        self.critical = False
-        self.running: Running | None = None
-
-
-@final
 class Machine:
     """One program. `builtins`: the controller's functions by their names."""
 
     def __init__(self, script: Script, builtins: Mapping[str, Builtin]) -> None:
         self.name = script.name
-        self.functions = script.functions
+        self.functions: Mapping[str, Function] = script.functions
         self.current: Thread | None = None
         self._builtins = builtins
         self._signatures: dict[str, Signature] = {}

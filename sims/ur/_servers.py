@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 from sims.simulator import CannotStart, Setup
 from sims.ur._controller import Controller
 from sims.ur._dashboard import Dashboard
+from sims.ur._functions import builtins_of
 from sims.ur._kinematics import NotThisArm
 from sims.ur._ports import (
     DASHBOARD,
@@ -55,6 +56,7 @@ class Servers:
 
     def __init__(self, setup: Setup, controller: Controller) -> None:
         self.controller = controller
+        controller.runtime.builtins = builtins_of(controller)
         self._kernel = setup.kernel
         self._state = RobotState(controller)
         self._clients: list[ScriptClient] = []
