@@ -28,6 +28,8 @@ from sims.plc._modbus import _FUNCTIONS
 from sims.plc._server import PlcServer
 from sims.simulator import Simulator
 from sims.simulators import installed
+from sims.ur._dashboard import Dashboard
+from sims.ur._servers import start as ur_servers
 from sims.varproxy._controller import start
 from tests.helpers.runs import ROOT
 from tests.helpers.sims import catalogue, setup_of
@@ -35,12 +37,22 @@ from tests.helpers.station import Bench, Scene
 
 PAGE = ROOT / "docs" / "reference" / "simulated-behaviour.md"
 CELLS = ROOT / "procedures" / "cells"
-DEVICES = {"KRC": "krc", "Variable proxy": "varproxy", "GeoCOM": "geocom", "PLC": "plc", "CANopen": "drives"}
+DEVICES = {
+    "KRC": "krc",
+    "Variable proxy": "varproxy",
+    "GeoCOM": "geocom",
+    "PLC": "plc",
+    "CANopen": "drives",
+    "Universal Robots": "ur",
+}
 CERTAINTIES = ("sure", "likely", "assumed")
 UNDOCUMENTED = re.compile(r"(ours|world|fault|assumption)\b")
 """Sources of what no document states: our own protocol, the simulated world, a fault that a cell file orders."""
 
-NO_BEHAVIOUR = {"MS", "PEER", "ARCSEC", "UM_PER_M", "TURN", "HEARTBEAT", "SYNC", "JOB", "ROW", "READERS", "BOOLEANS"}
+NO_BEHAVIOUR = {
+    "MS", "PEER", "ARCSEC", "UM_PER_M", "TURN", "HEARTBEAT", "SYNC", "JOB", "ROW", "READERS", "BOOLEANS",
+    "ZERO", "NO_TOOL", "_BASE", "FOR_EVER_NS", "NO_FUNCTION", "_GOING_ON", "_CONNECTED",
+}  # fmt: skip
 """Units, and names within a simulator."""
 
 
@@ -249,4 +261,24 @@ def _of_drives() -> set[str]:
     return {f"0x{index:04X}" for index in objects_of(1, 1, 1, 1)}
 
 
-_REGISTRIES = {"krc": _of_krc, "varproxy": _of_varproxy, "geocom": _of_geocom, "plc": _of_plc, "drives": _of_drives}
+def _of_ur() -> set[str]:
+    """Fields of RTDE, registers without their numbers; commands of Dashboard; functions of URScript."""
+    kernel = Kernel("lockstep")
+    cell = read_cell(ROOT / "tests/sims/ur/ur10e_cell.yaml")
+    servers = ur_servers(setup_of(cell, "robot", kernel, Faults(kernel, catalogue())))
+    servers.close()
+    kernel.close()
+    fields = {*servers.rtde.outputs, *servers.rtde.inputs}
+    commands = {f"command {name}" for name in Dashboard(servers.controller).commands}
+    registers = {re.sub(r"(register)_\d+$", r"\1", name) for name in fields}
+    return registers | commands | set(servers.controller.runtime.builtins)
+
+
+_REGISTRIES = {
+    "krc": _of_krc,
+    "varproxy": _of_varproxy,
+    "geocom": _of_geocom,
+    "plc": _of_plc,
+    "drives": _of_drives,
+    "ur": _of_ur,
+}

@@ -12,10 +12,13 @@ import pytest
 
 from sims.cell import ERRORS, read_cell
 from sims.memory import Memory
+from sims.robot_file import Tool
 from sims.ur._servers import start
 from tests.helpers.sims import PATIENCE_S, TcpBench, setup_of
 
-CELL = read_cell(Path(__file__).parent / "ur10e_cell.yaml")
+SHIPPED = read_cell(Path(__file__).parent / "ur10e_cell.yaml")
+CELL = replace(SHIPPED, robot=replace(SHIPPED.robot, tool=Tool((0.0, 0.0, 150.0), (0.0, 0.0, 0.0), 1.0)))
+"""With a probe at the flange, 150 mm long."""
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
 
 
