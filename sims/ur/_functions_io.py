@@ -165,10 +165,14 @@ class SocketFunctions:
         stream = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         stream.setblocking(False)
         until = self._controller.kernel.now + round(TIMEOUT_S * 1e9)
-        while (code := stream.connect_ex((address, port))) and self._controller.kernel.now < until:
-            if code not in _GOING_ON:
+        code = _GOING_ON[0]
+        while code in _GOING_ON and self._controller.kernel.now < until:
+            try:
+                code = stream.connect_ex((address, port))
+            except OSError:  # no such address
                 break
-            yield
+            if code in _GOING_ON:
+                yield
         if code not in _CONNECTED:
             stream.close()
             return False

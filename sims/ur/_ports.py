@@ -69,16 +69,20 @@ class Connection:
     """One client. `wire`: of the cell's host, the first client at a port; None of another one."""
 
     def __init__(self, port: Port, stream: socket.socket, wire: HostsWire | None) -> None:
-        self.peer: str = stream.getpeername()[0]
         self._port, self._socket, self._wire = port, stream, wire
         self._unsent = bytearray()
         self._event: Event | None = None
+        self._conversation: Conversation | None = None
         stream.setblocking(False)
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if wire:
             wire.opened()
-        self._conversation = port.conversation(self)
-        port.kernel.watch(stream, self.receive)
+        conversation = port.conversation(self)
+        if self.open:
+            self._conversation = conversation
+            port.kernel.watch(stream, self.receive)
+        else:  # it has gone before it could be greeted
+            conversation.ended()
 
     @property
     def hosts(self) -> bool:
@@ -93,12 +97,12 @@ class Connection:
     def receive(self) -> bool:
         """Take what can be read at once; whether that was anything."""
         data = b""
-        with suppress(ConnectionError):
+        with suppress(OSError):
             try:
                 data = self._socket.recv(65536)
             except BlockingIOError:
                 return False
-        understood = bool(data) and self._conversation.feed(data)
+        understood = bool(data) and self._conversation is not None and self._conversation.feed(data)
         if self._wire and self.open:
             self._wire.read(len(data))
         if not understood:
@@ -126,7 +130,8 @@ class Connection:
         self._socket.close()
         if self._wire:
             self._wire.closed()
-        self._conversation.ended()
+        if self._conversation:
+            self._conversation.ended()
         self._port.left(self)
 
     def _flush(self) -> None:
@@ -197,8 +202,9 @@ class Port:
                     pass
             taken = any(connection.hosts for connection in self.connections)
             connection = Connection(self, stream, None if taken else self._wire)
-            self.connections.append(connection)
-            connection.receive()
+            if connection.open:
+                self.connections.append(connection)
+                connection.receive()
 
 
 def bound(host: str) -> tuple[str, list[socket.socket]]:

@@ -23,6 +23,8 @@ TOOL_RUNNING = 253
 CALIBRATED, UNCALIBRATED = 0, 1
 """Status in the kinematics package: a calibration is there, or the arm is nominal."""
 REALTIME_SIZES = {"e": 1220, "cb3": 1108}
+RESERVED_MODE, RESERVED_BOARD = {"e": 1, "cb3": 0}, {"e": 3, "cb3": 0}
+"""Bytes at the end of the packages of mode and masterboard: three-position device, selector, and reserved ones."""
 STATE_NS = 100_000_000
 """Ten robot states a second."""
 
@@ -68,20 +70,17 @@ class RobotState:
             runtime is RuntimeState.PAUSED,
         )
         motion = controller.motion
-        return _package(
-            MODE_DATA,
-            struct.pack(
-                ">Q7?BBdddB",
-                controller.timestamp_us(),
-                *flags,
-                controller.mode,
-                0,
-                motion.slider,
-                motion.scaling,
-                1.0,
-                0,
-            ),
+        body = struct.pack(
+            ">Q7?BBddd",
+            controller.timestamp_us(),
+            *flags,
+            controller.mode,
+            0,
+            motion.slider,
+            motion.scaling,
+            1.0,
         )
+        return _package(MODE_DATA, body + bytes(RESERVED_MODE[controller.series]))
 
     def _joints(self) -> bytes:
         controller = self._controller
@@ -107,7 +106,7 @@ class RobotState:
         controller = self._controller
         board, voltage = controller.board, controller.board.analog_out_voltage
         body = struct.pack(
-            ">iiBBddbbddffffBBBIBBB",
+            ">iiBBddbbddffffBBBI",
             controller.digital_in(),
             board.digital_out,
             0,
@@ -126,11 +125,8 @@ class RobotState:
             0,
             0,
             0,
-            0,
-            0,
-            0,
         )
-        return _package(MASTERBOARD_DATA, body)
+        return _package(MASTERBOARD_DATA, body + bytes(RESERVED_BOARD[controller.series]))
 
     def _cartesian(self) -> bytes:
         motion = self._controller.motion

@@ -52,7 +52,7 @@ class ScriptClient:
 
 @final
 class Servers:
-    """Everything that listens. `address`: for the driver."""
+    """Everything that listens. `address`: for the driver; `ports`: by their numbers."""
 
     def __init__(self, setup: Setup, controller: Controller) -> None:
         self.controller = controller
@@ -74,17 +74,17 @@ class Servers:
             SECONDARY: partial(ScriptClient, self, SECONDARY),
             REALTIME: partial(ScriptClient, self, REALTIME),
         }
-        self._ports = [
-            Port(setup.kernel, setup.faults, wire, listener, conversations.get(port, self.rtde.conversation))
+        self.ports = {
+            port: Port(setup.kernel, setup.faults, wire, listener, conversations.get(port, self.rtde.conversation))
             for port, listener in zip(PORTS, listeners, strict=True)
-        ]
+        }
         controller.on_cycle = self._cycle
         controller.on_reboot = self.close
         controller.on_booted = self._open
 
     def close(self) -> None:
         """Hang up, and let go of the ports."""
-        for port in self._ports:
+        for port in self.ports.values():
             port.close()
 
     def joined(self, client: ScriptClient) -> None:
@@ -107,7 +107,7 @@ class Servers:
             self.controller.messages.clients.remove(client.connection.send)
 
     def _open(self) -> None:
-        for port in self._ports:
+        for port in self.ports.values():
             port.open()
 
     def _states(self) -> None:

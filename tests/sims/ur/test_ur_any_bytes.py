@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+import struct
 from contextlib import suppress
 
 from hypothesis import given, settings
@@ -71,3 +73,14 @@ def test_any_bytes_at_any_port_leave_the_controller_alive(bench):
     send()
     assert begun.command("robotmode").startswith("Robotmode:")
     assert begun.run(program('textmsg("alive")').splitlines()[1]) == ["alive"]
+
+
+def test_clients_that_are_gone_at_once_do_no_harm(bench):
+    begun = bench()
+    for port in (DASHBOARD, PRIMARY, RTDE) * 5:
+        client = begun.call(port)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # its end is a reset
+        client.close()
+    begun.let_pass(0.5)
+    assert begun.command("robotmode") == "Robotmode: RUNNING"
+    assert begun.servers.rtde.clients == begun.controller.messages.clients == []

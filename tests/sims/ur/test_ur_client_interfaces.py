@@ -50,11 +50,12 @@ def test_the_version_comes_first_and_then_ten_states_a_second(bench, port):
     assert stamps[2] - stamps[0] == pytest.approx(200_000, abs=1000)
 
 
-def test_the_packages_have_the_sizes_of_the_documents(bench):
-    begun = bench()
+@pytest.mark.parametrize(("series", "mode", "masterboard"), [("e", 47, 75), ("cb3", 46, 72)])
+def test_the_packages_have_the_sizes_of_the_documents(bench, series, mode, masterboard):
+    begun = bench(series=series)
     packages = state(begun, begun.call(SECONDARY))
     sizes = {kind: len(content) + 5 for kind, content in packages.items()}
-    assert sizes == {0: 47, 1: 251, 2: 37, 3: 75, 4: 101, 5: 225}
+    assert sizes == {0: mode, 1: 251, 2: 37, 3: masterboard, 4: 101, 5: 225}
 
 
 def test_mode_joints_and_pose(bench):
