@@ -18,10 +18,7 @@ from cellctl.formats.design_problem import candidate_rows, design_problem
 from cellctl.formats.measurements.columns import SIGMAS
 from cellctl.formats.targets import read_targets
 from cellctl.kinematics import Floats, abc_from_rotation
-from cellctl.planning.design import Criterion, chosen_rows
-
-CHECKABLE_PERCENT = 30.0
-"""A row is checked by the others where the predicted error rises by no more without it."""
+from cellctl.planning.design import RISE, Criterion, chosen_rows
 
 
 @final
@@ -44,8 +41,9 @@ class Aim:
 @dataclass(frozen=True, slots=True)
 class DesignFigures:
     """What the chosen rows shall predict: 1 σ, 3-D, mm, RMS and largest over the task; even_…: after as many rows drawn
-    evenly from the same candidates. without_one_percent: by how much the RMS rises at most without any one row;
-    exchanged: number of exchanges; parameters: of the model; task: number of places.
+    evenly from the same candidates. without_one_percent: by how much the RMS rises at most without any one row, and
+    leverage: mean share of a row's numbers that the fit takes from itself, both of the terms that the model has for
+    certain; exchanged: number of exchanges; parameters: of the model; task: number of places.
     """
 
     criterion: Criterion
@@ -54,6 +52,7 @@ class DesignFigures:
     even_sigma_mm: float
     even_largest_mm: float
     without_one_percent: float
+    leverage: float
     exchanged: int
     parameters: int
     candidates: int
@@ -62,7 +61,7 @@ class DesignFigures:
     @property
     def checkable(self) -> bool:
         """Whether every row is checked by the others."""
-        return self.without_one_percent <= CHECKABLE_PERCENT
+        return self.without_one_percent <= 100.0 * RISE
 
 
 @final
@@ -81,15 +80,23 @@ class OptimalChoice:
         places = readings if self._targets is None else self._targets
         some = places[np.unique(np.linspace(0, len(places) - 1, POINTS).astype(int))]
         asked = problem.places(self._robot.joint_map().model(some))
-        found = chosen_rows(problem.covariance, problem.candidates, asked, count, self._aim.criterion)
-        without = float(found.without_one_mm.max(initial=found.sigma_mm)) / found.sigma_mm
+        found = chosen_rows(
+            problem.covariance,
+            problem.candidates,
+            asked,
+            count,
+            self._aim.criterion,
+            core=problem.core,
+            most_rise=RISE,
+        )
         self.figures = DesignFigures(
             criterion=self._aim.criterion,
             sigma_mm=found.sigma_mm,
             largest_mm=found.largest_mm,
             even_sigma_mm=found.even_sigma_mm,
             even_largest_mm=found.even_largest_mm,
-            without_one_percent=100.0 * (without - 1.0),
+            without_one_percent=100.0 * float(found.rises.max(initial=0.0)),
+            leverage=float(found.leverage.mean()),
             exchanged=found.exchanged,
             parameters=int(np.count_nonzero(np.diag(problem.covariance))),
             candidates=len(readings),

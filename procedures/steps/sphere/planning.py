@@ -36,7 +36,7 @@ _PLANNED: dict[str, list[PlannedTouch]] = {}
 """The last plans, by all that they follow from: what a check before the run plans, the run need not plan again."""
 
 
-CANDIDATES = 8
+CANDIDATES = 24
 """Candidates of an optimal choice for each touch of the fit."""
 
 

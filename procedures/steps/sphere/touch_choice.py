@@ -14,7 +14,10 @@ from cellctl.formats.artefact import Artefact
 from cellctl.formats.design_problem import candidate_rows, design_problem
 from cellctl.kinematics import Floats
 from cellctl.kinematics.low_discrepancy import spread_over
-from cellctl.planning.design import chosen_rows
+from cellctl.planning.design import RISE, chosen_rows
+
+CHECKED_FROM = 35
+"""With fewer touches none can be checked by the others: a fit of the geometry takes nearly each of them from itself."""
 
 
 @final
@@ -39,4 +42,8 @@ class TouchChoice:
         problem, joints = design_problem(found.task), self.robot.joint_map()
         q = joints.model(readings)
         asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), POINTS, scramble=False))
-        return np.array(chosen_rows(problem.covariance, problem.candidates, asked, self.count).rows)
+        most_rise = RISE if self.count >= CHECKED_FROM else None
+        found = chosen_rows(
+            problem.covariance, problem.candidates, asked, self.count, core=problem.core, most_rise=most_rise
+        )
+        return np.array(found.rows)
