@@ -36,8 +36,8 @@ _PLANNED: dict[str, list[PlannedTouch]] = {}
 """The last plans, by all that they follow from: what a check before the run plans, the run need not plan again."""
 
 
-CANDIDATES = 24
-"""Candidates of an optimal choice for each touch of the fit."""
+CANDIDATES, CANDIDATES_EACH = 600, 8
+"""Candidates of an optimal choice: at least so many in all, and for each touch of the fit."""
 
 
 def planned_touches(
@@ -70,7 +70,7 @@ def _best_touches(
     """Held-out touches as ever, apart from the choice; those of the fit the best of many candidates."""
     artefact = artefact_of(context.cell, ("artefact",))
     names = tuple(sphere.id for sphere in artefact.spheres)
-    more = dict(zip(spheres, _even(CANDIDATES * fit, len(spheres)), strict=True))
+    more = dict(zip(spheres, _even(max(CANDIDATES, CANDIDATES_EACH * fit), len(spheres)), strict=True))
     choose = TouchChoice(RobotFile.load(context.robot_file), artefact, names, fit, use_distances)
     touches = plan_on(
         context,
