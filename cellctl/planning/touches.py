@@ -78,6 +78,22 @@ def ordered(candidates: Sequence[Candidate], ways: Ways, home: Array) -> list[Ca
     return tour
 
 
+BLOCK = 10
+"""Touches of a block where there is no reference touch."""
+
+
+def _in_blocks(
+    candidates: Sequence[Candidate], size: int, ways: Ways, home: Array, rng: np.random.Generator
+) -> list[Candidate]:
+    """Blocks of `size` touches drawn at random, each in the order of `ordered`."""
+    tour: list[Candidate] = []
+    order = rng.permutation(len(candidates)).tolist()
+    for first in range(0, len(order), size):
+        here = tour[-1].clear if tour else home
+        tour += ordered([candidates[at] for at in order[first : first + size]], ways, here)
+    return tour
+
+
 def with_references(tour: Sequence[Candidate], every: int, reference: Candidate) -> list[Candidate]:
     """`tour` with a return to `reference` after each `every` touches."""
     again = replace(reference, reference=True, chosen=False)
@@ -205,8 +221,9 @@ def plan_touches(
     The first touch's approach begins at `postures.home`; the last one's retreat ends there. A sphere with a count of 0
     is only kept clear of; so are `plate` (else one 100 mm below the lowest centre) and the stems on it. After each
     `reference_every` touches (0: never) comes a return to `reference`, a touch of an earlier plan, or else to this
-    plan's first. `best` adds those that it chooses. The same seed gives the same touches. Raises OutOfReach naming the
-    sphere on which too few touches are reachable.
+    plan's first. `best` adds those that it chooses, and all are then in blocks drawn at random, each a short tour: so a
+    drift is not the error of a place. The same seed gives the same touches. Raises OutOfReach naming the sphere on
+    which too few touches are reachable.
     """
     options = options or TouchOptions()
     around = spheres_of(spheres)
@@ -233,7 +250,10 @@ def plan_touches(
         taken = best.choose(np.array([index for index, _ in more]), contacts)
         chosen += [replace(more[at][1], chosen=True) for at in taken.tolist()]
     home = np.array(postures.home)
-    tour = ordered(chosen, ways, home)
+    if best:
+        tour = _in_blocks(chosen, reference_every or BLOCK, ways, home, np.random.default_rng([seed, 26]))
+    else:
+        tour = ordered(chosen, ways, home)
     if reference_every:
         tour = with_references(tour, reference_every, Candidate.of(reference) if reference else tour[0])
     return linked(tour, ways, home)

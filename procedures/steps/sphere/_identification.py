@@ -25,6 +25,7 @@ from cellctl.procedure import StepContext
 from cellctl.records import Figures, TableStateRow
 from cellctl.report.fit import FitStory, identification_rows
 from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
+from procedures.steps.sphere.checked_touches import checked_words
 from procedures.steps.sphere.reference_touches import drift_figures, drift_of
 from procedures.steps.sphere.rows import (
     HeldOutFigures,
@@ -59,7 +60,7 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
         before=Figures(**report["nominal"]),
         after=Figures(**report["test"]),
         model=report,
-        lines=(stops.line(),),
+        lines=(stops.line(), _checked_words(touches, choice)),
         stops=stops,
         drift=drift_figures(drift, max(row.number for row in touches) + 1, modelled=modelled),
         noise_scale=float(found.result.identification.noise[0]),
@@ -128,6 +129,12 @@ def _record(row: TouchRow, artefact: Artefact, drift: Drift | None) -> dict[str,
         "bounces": row.bounces,
         "stop_cycles": row.stop_cycles,
     }
+
+
+def _checked_words(touches: Sequence[TouchRow], choice: _Choice) -> str:
+    fit = [row for row in touches if row.set == "fit"]
+    readings, spheres = np.array([row.joints for row in fit]), [row.sphere for row in fit]
+    return checked_words(choice.robot, choice.artefact, spheres, readings, choice.use_distances)
 
 
 def _stops(robot: RobotFile, touches: Sequence[TouchRow]) -> StopFigures:

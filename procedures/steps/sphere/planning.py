@@ -25,6 +25,7 @@ from cellctl.planning import (
 from cellctl.planning.touches import spheres_of
 from cellctl.planning.ways import Obstacles, Reach
 from cellctl.procedure import CellContext, StepContext
+from procedures.steps.sphere.checked_touches import checked_words
 from procedures.steps.sphere.plan_inputs import Choice
 from procedures.steps.sphere.reference_touches import last_number
 from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow
@@ -80,6 +81,14 @@ def _best_touches(
         best=BestTouches(tuple(more.get(name, 0) for name in names), choose),
     )
     return [as_plan(number, touch, "fit" if touch.chosen else "test") for number, touch in enumerate(touches)]
+
+
+def checked(context: CellContext, touches: Sequence[TouchPlan], use_distances: bool) -> str:
+    """What is said of how far the touches of the fit check each other."""
+    fit = [touch for touch in touches if touch.set == "fit"]
+    robot, artefact = RobotFile.load(context.robot_file), artefact_of(context.cell, ("artefact",))
+    ends = np.array([touch.end for touch in fit])
+    return checked_words(robot, artefact, [touch.sphere for touch in fit], ends, use_distances)
 
 
 def plan_on(

@@ -15,9 +15,7 @@ from cellctl.formats.design_problem import candidate_rows, design_problem
 from cellctl.kinematics import Floats
 from cellctl.kinematics.low_discrepancy import spread_over
 from cellctl.planning.design import RISE, chosen_rows
-
-CHECKED_FROM = 35
-"""With fewer touches none can be checked by the others: a fit of the geometry takes nearly each of them from itself."""
+from procedures.steps.sphere.checked_touches import CHECKED_FROM
 
 
 @final

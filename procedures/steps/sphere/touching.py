@@ -14,7 +14,7 @@ from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged
 from procedures.steps.sphere._identification import identify_touches
 from procedures.steps.sphere.plan_inputs import PlanInputs, names_of
-from procedures.steps.sphere.planning import assumption, check_plan, planned_touches
+from procedures.steps.sphere.planning import assumption, check_plan, checked, planned_touches
 from procedures.steps.sphere.reference_touches import jump, reference_row, remark
 from procedures.steps.sphere.rows import LocateRow, ReferenceRow, SphereVerdict, TouchRow
 from procedures.steps.sphere.touch_plans import Joints, TouchPlan
@@ -47,6 +47,7 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     context.say(
         f"planned {inputs.fit + inputs.held_out} touches: {inputs.fit} to identify from, {inputs.held_out} held out"
     )
+    context.say(await context.clock.compute(checked, context, touches, inputs.use_distances))
     if assumed := assumption(context):
         context.say(assumed)
     return Plan(touches=touches)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -17,7 +17,8 @@ class PlanInputs(StepInputs):
     """fit: poses to identify from; held_out: all that judge; monuments_every: poses between two visits to the nests.
 
     from_both: share of the fit's poses that are measured from both sides. reflectors: of the plate, all visible.
-    pose_file: file of the poses, from the cell file's folder; empty: they are planned here.
+    pose_file: file of the poses, from the cell file's folder; empty: they are planned here. choice: of the poses of the
+    fit, spread evenly, or those of many that leave the least predicted error.
     """
 
     fit: Annotated[int, Field(ge=10, le=2000)]
@@ -26,6 +27,7 @@ class PlanInputs(StepInputs):
     from_both: Annotated[float, Field(ge=0, le=1)] = 0.15
     reflectors: Annotated[int, Field(ge=1, le=8)] = 1
     pose_file: str = ""
+    choice: Literal["even", "optimal"] = "even"
 
 
 def poses_planned(known: Mapping[str, Any]) -> int:

@@ -33,6 +33,7 @@ from cellctl.procedure import CellContext
 from procedures.steps.sphere.planning import spheres_around
 from procedures.steps.tracker.circles import return_pose, rounded, turn_posture
 from procedures.steps.tracker.plan_inputs import PlanInputs, PlanTargetsInputs
+from procedures.steps.tracker.pose_choice import chosen_postures
 from procedures.steps.tracker.pose_plans import PosePlan, Round
 from procedures.steps.tracker.rows import LeftOut, TargetPlanRow
 from procedures.steps.tracker.station import rough_station
@@ -158,6 +159,10 @@ def _poses(
         postures = GivenPoses.read(file, robot, arm, reach).first(inputs.fit, inputs.held_out)
         return plan_given_poses(chain, joints, sight, counts, home, seed, postures, options)
     try:
+        if inputs.choice == "optimal":
+            arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
+            postures = chosen_postures(robot, arm, reach, inputs.fit, inputs.held_out, seed, sight.reflectors)
+            return plan_given_poses(chain, joints, sight, counts, home, seed, postures, options)
         return plan_measuring_poses(chain, joints, reach, sight, counts, home, seed, options)
     except OutOfReach as error:
         cure = "move the station, turn the reflector on the flange, or ask for fewer poses"

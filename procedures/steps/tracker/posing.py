@@ -20,14 +20,14 @@ class Plan(StepResult):
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
-    if {"fit", "held_out", "monuments_every", "from_both", "reflectors", "pose_file"} <= known.keys():
+    if {"fit", "held_out", "monuments_every", "from_both", "reflectors", "pose_file", "choice"} <= known.keys():
         planned_rounds(context, PlanInputs.model_validate(dict(known)), None)
 
 
 @step("tracker.plan", check=_check_plan, reads_files=True)
 async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
-    """Plan quasi-random poses, or take them from a file: visible, clear of floor and arm, in random order, each
-    approached from a stated side."""
+    """Plan quasi-random poses, the best of many, or those of a file: visible, clear of floor and arm, in random order,
+    each approached from a stated side."""
     station = base_from_instrument(context)
     rounds = await context.clock.compute(planned_rounds, context, inputs, station)
     visits = sum(len(each.poses) for each in rounds)

@@ -1,0 +1,56 @@
+"""Measuring poses that leave the least predicted error, chosen among those that the instrument sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cellctl.calibration.prediction.predict import POINTS
+from cellctl.formats import RobotFile, measurements
+from cellctl.formats.design_problem import candidate_rows, design_problem
+from cellctl.formats.measurements.columns import SIGMAS
+from cellctl.kinematics import Floats, abc_from_rotation
+from cellctl.kinematics.low_discrepancy import spread_over
+from cellctl.planning.design import RISE, chosen_rows
+from cellctl.planning.measuring_poses import MeasuringArm, measuring_postures
+from cellctl.planning.ways import Reach
+
+CANDIDATES, CANDIDATES_EACH = 1000, 8
+"""Candidates of an optimal choice: at least so many in all, and for each pose of the fit."""
+
+SIGMA_MM = 0.05
+"""1 σ of the instrument on each axis: of a laser station some metres away. The choice hardly depends on it."""
+
+
+def chosen_postures(
+    robot: RobotFile, arm: MeasuringArm, reach: Reach, fit: int, held_out: int, seed: int, reflectors: Floats
+) -> Floats:
+    """Postures (fit + held_out, n), deg, those of the fit first: the best of many, and others drawn apart from these
+    within the joints of the fit: outside, no table may go. reflectors (M, 3): on the flange, mm. Raises OutOfReach.
+    """
+    candidates = measuring_postures(arm, reach, max(CANDIDATES, CANDIDATES_EACH * fit), seed)
+    chosen = candidates[best_postures(robot, candidates, fit, reflectors)]
+    margin = reach.margin + arm.options.step
+    low, high = chosen.min(axis=0) - margin, chosen.max(axis=0) + margin
+    inside = replace(reach, minimum=tuple(low.tolist()), maximum=tuple(high.tolist()))
+    apart = measuring_postures(arm, inside, held_out, seed + 1) if held_out else candidates[:0]
+    return np.concatenate([chosen, apart])
+
+
+def best_postures(robot: RobotFile, candidates: Floats, count: int, reflectors: Floats) -> list[int]:
+    """The `count` of candidate readings (M, n), deg, after whose measurement the robot's places are best known among
+    each other, over the joints of all candidates. reflectors (M, 3), mm: one gives positions, three and more poses.
+    """
+    tool = robot.tool.model_copy(update={"xyz": tuple(reflectors[0].tolist())})
+    seen, joints = robot.model_copy(update={"tool": tool}), robot.joint_map()
+    q = joints.model(candidates)
+    poses = seen.chain().forward(q)
+    sigma = float(np.hypot(SIGMA_MM, robot.repeatability / np.sqrt(3.0)))
+    columns = dict(zip("XYZ", poses[:, :3, 3].T.tolist(), strict=True)) | dict.fromkeys(SIGMAS, [sigma] * len(q))
+    if len(reflectors) >= 3:
+        columns |= dict(zip("ABC", abc_from_rotation(poses[:, :3, :3]).T.tolist(), strict=True))
+    problem = design_problem(measurements(seen, candidate_rows(candidates, columns)).task)
+    asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), POINTS, scramble=False))
+    found = chosen_rows(problem.covariance, problem.candidates, asked, count, core=problem.core, most_rise=RISE)
+    return list(found.rows)
