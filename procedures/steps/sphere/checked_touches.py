@@ -1,7 +1,7 @@
 """Whether touches check each other: by how much the predicted error rises without one, and leverage.
 
-An outlier shows itself by its residual. A touch that the fit takes from itself (leverage 1) has none: what is wrong there
-passes for an error of the robot. The model is the geometry, tool and centres that every fit of touches has.
+An outlier shows itself by its residual. A touch that the fit takes from itself (leverage 1) has none: what is wrong
+there passes for an error of the robot. The model is the geometry, tool and centres that every fit of touches has.
 """
 
 from __future__ import annotations
