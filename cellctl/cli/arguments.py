@@ -19,7 +19,8 @@ def _procedure(given: Path) -> Path:
     return shipped_file("procedure", given)
 
 
-def _cell(given: Path | None) -> Path | None:
+def cell_or_none(given: Path | None) -> Path | None:
+    """The cell file of that name, or the shipped one; None where none is given."""
     return shipped_file("cell", given) if given else None
 
 
@@ -28,24 +29,28 @@ def _robot(given: Path | None) -> Path | None:
 
 
 Procedure = Annotated[Path, typer.Argument(help="Procedure file or shipped name.", callback=_procedure)]
-Cell = Annotated[Path, typer.Argument(help="Cell file or shipped name.", callback=_cell)]
-CellOption = Annotated[Path, typer.Option("--cell", help="Cell file or shipped name.", callback=_cell)]
+Cell = Annotated[Path, typer.Argument(help="Cell file or shipped name.", callback=cell_or_none)]
+CellOption = Annotated[Path, typer.Option("--cell", help="Cell file or shipped name.", callback=cell_or_none)]
 OtherCell = Annotated[
     Path | None,
-    typer.Option("--cell", help="Cell file or shipped name. Default: the procedure's cell.", callback=_cell),
+    typer.Option("--cell", help="Cell file or shipped name. Default: the procedure's cell.", callback=cell_or_none),
 ]
 ShownCell = Annotated[
-    Path | None, typer.Option("--cell", help="Cell file or shipped name: show its controller's tables.", callback=_cell)
+    Path | None,
+    typer.Option("--cell", help="Cell file or shipped name: show its controller's tables.", callback=cell_or_none),
 ]
 ComparedCell = Annotated[
-    Path | None, typer.Option("--cell", help="Cell file or shipped name: ask its controller too.", callback=_cell)
+    Path | None,
+    typer.Option("--cell", help="Cell file or shipped name: ask its controller too.", callback=cell_or_none),
 ]
 ViewedCell = Annotated[
-    Path | None, typer.Option("--cell", help="Cell file or shipped name: the cell to show.", callback=_cell)
+    Path | None, typer.Option("--cell", help="Cell file or shipped name: the cell to show.", callback=cell_or_none)
 ]
 CheckedCell = Annotated[
     Path | None,
-    typer.Option("--cell", help="Cell file or shipped name: checks robot, tool, largest correction.", callback=_cell),
+    typer.Option(
+        "--cell", help="Cell file or shipped name: checks robot, tool, largest correction.", callback=cell_or_none
+    ),
 ]
 Robot = Annotated[
     Path, typer.Argument(help="Robot file (link table, joints, base, tool), or a shipped name.", callback=_robot)

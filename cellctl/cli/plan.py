@@ -13,6 +13,7 @@ import typer
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_json_on_stdout, refuse_outputs, to_stdout, write_json
+from cellctl.cli.plan_layout import plan_layout
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import RobotFile
 from cellctl.formats.targets import read_path, targets_text
@@ -232,6 +233,14 @@ def plan(
         float | None, typer.Option(help="Half angle within which it reflects, deg; with --facing. Default: 27.")
     ] = None,
     floor: Annotated[float | None, typer.Option(help="Height of the floor, mm; targets keep 100 mm from it.")] = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(
+            help="Cell file: in place of targets, where its spheres, or instrument and nests, should be.",
+            callback=arguments.cell_or_none,
+        ),
+    ] = None,
+    places: Annotated[int, typer.Option(min=4, max=500, help="Layout: possible places that are tried for each.")] = 24,
     seed: Annotated[int, typer.Option(min=0, help="Seed: the same one gives the same targets.")] = 0,
     out: arguments.Out = None,
     json_: arguments.Json = None,
@@ -248,7 +257,18 @@ def plan(
     Near a path: --method near-path --n 500 --path path.csv
 
     Least predicted error: --optimal --task seam.csv
+
+    Where the spheres of a cell should be: cellctl plan kr5_r1400 --n 35 --layout sphere_cell -o places.yaml
     """
+    if layout is not None:
+        given = {"box": box, "joints": joints, "path": path, "station": station, "task": task, "prior": prior}
+        for name, value in given.items():
+            if value is not None:
+                raise InputError(option(name, "is for targets, not for a layout", "leave it or --layout out"))
+        refuse_json_on_stdout(json_, out, "the lines of the cell file")
+        refuse_outputs({"--out": out, "--json": json_}, [robot, layout])
+        plan_layout(layout, RobotFile.load(robot), n, places, seed, out, json_)
+        return
     asked = Asked(
         "optimal" if optimal else method, n, held_out, box, angles, joints, path, dense, partitions, near, station,
         reflector, facing, acceptance, floor, Aim(criterion, model, prior, task, sigma, poses),  # type: ignore[arg-type]

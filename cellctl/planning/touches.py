@@ -259,6 +259,25 @@ def plan_touches(
     return linked(tour, ways, home)
 
 
+def contacts(
+    chain: SerialChain,
+    joints: JointMap,
+    reach: Reach,
+    postures: RobotPostures,
+    sphere: SphereTarget,
+    around: Obstacles,
+    count: int,
+    seed: int,
+    options: TouchOptions | None = None,
+) -> Array:
+    """Joint readings (m ≤ count, n), deg, at the contact of touches on `sphere`, the first of those in `around`."""
+    options = options or TouchOptions()
+    ways = Ways(Body(chain, joints, options.thickness), reach, around, options.clearance)
+    found = _candidates(chain, joints, ways, postures, sphere, 0, count, seed, options)
+    share = options.guard / (options.guard + options.depth)
+    return np.array([each.start + share * (each.end - each.start) for each in found]).reshape(-1, chain.n)
+
+
 def spheres_of(targets: list[SphereTarget]) -> Array:
     """Centres and contact radii, shape (n, 4), mm."""
     return np.array([[*target.centre, target.contact_radius] for target in targets])
