@@ -83,6 +83,49 @@ def test_predicted_errors_are_those_of_the_information_matrix() -> None:
     assert found.sigma_mm < found.even_sigma_mm
 
 
+def test_exchanged_rows_give_what_their_information_gives() -> None:
+    """Several rows in one step, others out: covariance, and gains without one row, are those of a fresh design."""
+    _, candidates, asked = problem(7, rows=20)
+    prior = np.eye(PARAMETERS)
+    design = Design(prior, candidates, asked)
+    design.exchange((), (1, 5, 9, 12))
+    design.exchange((5, 9), (3,))
+    fresh = Design(prior, candidates, asked)
+    for row in (1, 3, 12):
+        fresh.measure(row)
+    assert design.covariance == pytest.approx(fresh.covariance, abs=1e-12)
+    without = design.gains_without(12)
+    fresh.leave_out(12)
+    assert without == pytest.approx(fresh.gains(), abs=1e-9)
+
+
+def test_rows_that_no_other_checks_get_one_beside_them() -> None:
+    """One parameter that the best rows see in one row alone: with a limit a second row sees it."""
+    rng = np.random.default_rng(4)
+    candidates = np.concatenate([0.05 * rng.normal(size=(60, 1, 3)), rng.normal(size=(60, 1, 3))])
+    candidates[:, :, 2] = 0.0
+    candidates[[100, 110], 0] = [0.0, 0.0, 30.0], [0.0, 0.0, 3.0]
+    prior, asked = 100.0 * np.eye(3), np.tile(np.eye(3), (4, 1))
+    free, limited = (chosen_rows(prior, candidates, asked, 9, most_rise=most) for most in (None, 0.5))
+    assert 100 in free.rows
+    assert free.rises.max() > 2.0 > 0.5 >= limited.rises.max()
+    assert {100, 110} <= set(limited.rows)
+    assert limited.sigma_mm < 1.5 * free.sigma_mm
+    assert free.leverage[free.rows.index(100)] == pytest.approx(1.0, abs=1e-3)
+    total = sum(candidates[row].T @ candidates[row] for row in limited.rows)
+    after = np.linalg.inv(np.linalg.inv(prior) + total)
+    hat = [float((candidates[row] @ after @ candidates[row].T)[0, 0]) for row in limited.rows]
+    assert limited.leverage == pytest.approx(hat, abs=1e-4)
+
+
+def test_the_check_is_by_the_parameters_that_the_model_has_for_certain() -> None:
+    prior, candidates, asked = problem(9, rows=40)
+    core = np.array([True, True, False, True])
+    found = chosen_rows(prior, candidates, asked, 5, core=core)
+    alone = chosen_rows(prior[np.ix_(core, core)], candidates[found.rows, :][:, :, core], asked[:, core], 5)
+    assert found.rises == pytest.approx(alone.rises, rel=1e-3)
+
+
 def test_parameters_that_no_row_shows_keep_their_part_of_the_error() -> None:
     prior, candidates, asked = problem(5, rows=30)
     candidates[..., 3] = 0.0

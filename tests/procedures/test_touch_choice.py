@@ -11,7 +11,7 @@ from cellctl.calibration.prediction.predict import sigma_over_region
 from cellctl.files import load_yaml
 from cellctl.formats import DataSet, RobotFile, artefact_of, measurements
 from cellctl.formats.design_problem import design_problem
-from procedures.steps.sphere.planning import planned_touches
+from procedures.steps.sphere.planning import checked, planned_touches
 from procedures.steps.sphere.touch_plans import TouchPlan
 from tests.helpers.arms import Floats
 from tests.helpers.runs import CELL, ROOT
@@ -41,6 +41,30 @@ def predicted_mm(touches: list[TouchPlan]) -> float:
     q = robot.joint_map().model(np.array([touch.end for touch in touches]))
     count = len(model.parameters)
     return sigma_over_region(model, after[:count, :count], q.min(axis=0), q.max(axis=0))
+
+
+def test_blocks_of_the_best_touches_are_drawn_at_random_with_held_out_ones_among_them(tmp_path: Path) -> None:
+    """So that a drift is not the error of a place: each sphere, and held-out touches, in both halves."""
+    touches = [touch for touch in plans(tmp_path, "optimal") if touch.set != "reference"]
+    halves = touches[: len(touches) // 2], touches[len(touches) // 2 :]
+    for half in halves:
+        assert set(Counter(touch.sphere for touch in half)) == set(SPHERES)
+        assert {touch.set for touch in half} == {"fit", "test"}
+    plan = plans(tmp_path, "optimal")
+    references = [at for at, touch in enumerate(plan) if touch.set == "reference"]
+    assert references == [10, 21, 32], "after each ten"
+
+
+def test_what_is_said_of_few_touches_is_that_none_is_checked() -> None:
+    context = Context(robot_file=ROBOT_FILE, cell=load_yaml(CELL))
+    context.seed = 1  # type: ignore[attr-defined]
+    few, enough = (
+        checked(context, planned_touches(context, count, 0, SPHERES, 0, "optimal"), True)  # type: ignore[arg-type]
+        for count in (25, 35)
+    )
+    assert few.startswith("No touch can be checked by the others: 25 identify the robot, and 35 are needed")
+    assert enough.startswith("Each touch is checked by the others: without any one the predicted error rises by")
+    assert float(enough.partition("rises by ")[2].partition(" %")[0]) <= 30.0
 
 
 def test_the_best_touches_leave_less_error_and_the_held_out_ones_are_spread_as_ever(tmp_path: Path) -> None:
