@@ -29,7 +29,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Literal, Self, TypeAlias, final, get_args
+from typing import Any, Literal, Self, TypeAlias, final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,7 +216,7 @@ class _Condensed:
     by the other parameters, which no choice of rows changes.
     """
 
-    candidates: NDArray[np.float32]
+    candidates: NDArray[Any]
     asked: Floats
     known: Floats
     left: Floats
@@ -235,7 +235,7 @@ class _Condensed:
 
     def variances(self, covariance: Floats) -> Floats:
         """tr(J C Jᵀ) (N,), mm², of the places."""
-        return self.left + np.sum((self.asked @ covariance) * self.asked, axis=1).reshape(-1, 3).sum(axis=1)
+        return np.asarray(self.left + np.sum((self.asked @ covariance) * self.asked, axis=1).reshape(-1, 3).sum(axis=1))
 
 
 def condensed(covariance: Floats, candidates: Floats, asked: Floats, count: int) -> _Condensed:
