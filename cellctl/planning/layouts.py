@@ -43,7 +43,7 @@ def error_by_nests(nests: Floats, sigma_mm: Floats, asked: Floats) -> float:
     """
     rows = (_motions(nests) / sigma_mm[:, None, None]).reshape(-1, 6)
     prior = np.diag([_FREE_MM**-2] * 3 + [_FREE_RAD**-2] * 3)
-    covariance = np.linalg.inv(prior + rows.T @ rows)
+    covariance = np.asarray(np.linalg.inv(prior + rows.T @ rows))
     moved = _motions(asked).reshape(-1, 6)
     return sigma_of(covariance, moved.T @ moved, len(asked))
 
