@@ -13,7 +13,9 @@ from cellctl.operations.layout_plan import Layout, layouts
 from cellctl.operations.results import as_json
 
 
-def plan_layout(cell: Path, robot: RobotFile, rows: int, places: int, seed: int, out: Path | None, json_: str) -> None:
+def plan_layout(
+    cell: Path, robot: RobotFile, rows: int, places: int, seed: int, out: Path | None, json_: str | None
+) -> None:
     """Print a table of each layout, and write the lines of the cell file. Raises InputError."""
     found = layouts(cell, robot, rows, places, seed)
     lines: list[str] = []

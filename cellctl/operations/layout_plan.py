@@ -252,19 +252,18 @@ def _of_instrument(document: Document, robot: RobotFile, rows: int, places: int,
         except OutOfReach:
             return None
 
-    seen = [postures(place) for place in tried]
-    possible = [at for at, each in enumerate(seen) if each is not None]
-    if not possible:
+    seen = {at: each for at, place in enumerate(tried) if (each := postures(place)) is not None}
+    if not seen:
         cure = "turn the reflector on the flange, or allow more --places"
         raise InputError(document.problem(("station", "xyz"), "no place of the instrument sees enough poses", cure))
-    everywhere = np.concatenate([each for each in seen if each is not None])
+    everywhere = np.concatenate(list(seen.values()))
     asked = np.array([everywhere.min(axis=0), everywhere.max(axis=0)])
-    errors = {at: _of_positions(robot, one.xyz, seen[at], tried[at], asked, rows) for at in possible}
+    errors = {at: _of_positions(robot, one.xyz, each, tried[at], asked, rows) for at, each in seen.items()}
     best = min(errors, key=lambda at: errors[at])
     place = tried[best]
     lines = ["station:", f"  xyz: {_triple(place)}"]
     moved = [Moved("station", list(station.xyz), place.tolist())]
-    found = [Layout("instrument", moved, errors.get(0), errors[best], len(possible), lines)]
+    found = [Layout("instrument", moved, errors.get(0), errors[best], len(seen), lines)]
     held = {name for distance in station.distances for name in distance.between}
     free = [nest for nest in station.nests if nest.id not in held]
     if len(free) >= 1 and len(station.nests) >= 3:
@@ -305,7 +304,8 @@ def _nests(document: Document, robot: RobotFile, place: Floats, ring: Floats, po
 def _out_of_reach(robot: RobotFile, places: int, ground: float) -> Floats:
     """Places (M, 3), mm, about the robot at a tripod's heights, that nothing on the robot reaches."""
     chain = robot.chain()
-    q = robot.joint_map().model(spread_over(*robot.limits().T, 2048, scramble=False))
+    low, high = robot.limits().T
+    q = robot.joint_map().model(spread_over(low, high, 2048, scramble=False))
     base, points = chain.base_now[:2, 3], chain.forward(q)[:, :3, 3]
     inner = float(np.linalg.norm(points[:, :2] - base, axis=1).max()) + _BEYOND_REACH_MM
     share = evenly(3, places)

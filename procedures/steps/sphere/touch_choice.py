@@ -41,7 +41,7 @@ class TouchChoice:
         q = joints.model(readings)
         asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), POINTS, scramble=False))
         most_rise = RISE if self.count >= CHECKED_FROM else None
-        found = chosen_rows(
+        best = chosen_rows(
             problem.covariance, problem.candidates, asked, self.count, core=problem.core, most_rise=most_rise
         )
-        return np.array(found.rows)
+        return np.array(best.rows)
