@@ -201,6 +201,9 @@ def fit(
     column: Annotated[str | None, typer.Option(help="Column with fit or test for each row, such as set.")] = None,
     by: Annotated[str | None, typer.Option(help="Hold out each value of this column in turn, such as session.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random hold-out.")] = 0,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="Processes for the folds. Default: processors, for a long fit.")
+    ] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model to this file.")] = None,
     page: Annotated[Path | None, typer.Option("--report", help="Write an HTML report to this file.")] = None,
     json_: arguments.Json = None,
@@ -229,7 +232,9 @@ def fit(
         )
         return
 
-    found = fit_rows(FitInput.load(robot, data, asked), asked, judging, shown_progress, check=check)
+    found = fit_rows(
+        FitInput.load(robot, data, asked), asked, judging, shown_progress, check=check, processes=processes
+    )
     report, unwritten = found.report, Unwritten()
     if out:
         with unwritten.noted():

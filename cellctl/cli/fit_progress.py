@@ -10,15 +10,13 @@ from contextlib import contextmanager
 from typing import Any, final
 
 from cellctl.calibration.identification.progress import Progress
+from cellctl.operations.pace import time_left
 
 QUIET_S = 2.0
 """No output in the first seconds."""
 
 EVERY_S = 5.0
 """Least time between plain lines, s."""
-
-TELLING = 0.05
-"""Below this share of the work the time left cannot be estimated."""
 
 
 @contextmanager
@@ -35,14 +33,6 @@ def shown_progress(name: str, clock: Callable[[], float] = time.monotonic) -> It
         shown.close()
 
 
-def time_left(seconds: float, share: float) -> str:
-    """`1 min 20 s left`, from the seconds for this share of the work; empty if it cannot be estimated."""
-    if not TELLING <= share < 1.0:
-        return ""
-    minutes, rest = divmod(max(round(seconds / share * (1.0 - share)), 1), 60)
-    return f"{minutes} min {rest:02d} s left" if minutes else f"{rest} s left"
-
-
 class _Shown:
     """The latest progress; shown after the quiet seconds."""
 
@@ -53,7 +43,7 @@ class _Shown:
 
     def tell(self, doing: str, share: float) -> None:
         with self._lock:
-            self._doing, self._share = doing, max(share, self._share)
+            self._doing, self._share = doing, share
             self._loud = self._loud or self._clock() - self._began >= QUIET_S
             if self._loud:
                 self.show()

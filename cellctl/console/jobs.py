@@ -9,12 +9,14 @@ import os
 import signal
 import subprocess
 import tempfile
+import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Any, Literal, TypeAlias, final
 
 from cellctl.clock import calendar_time
+from cellctl.operations.pace import time_left
 from cellctl.operations.results import ABORTED, Failure, as_json, from_json
 from cellctl.operations.worker import WORKER
 
@@ -49,7 +51,8 @@ class Adopted:
 
 @final
 class Job:
-    """One process, or what it left. doing, share: its latest progress, share from 0 to 1. lines: its latest output.
+    """One process, or what it left. doing, share: its latest progress, share from 0 to 1; time_left: in
+    words. lines: its latest output.
 
     target: what it is for (a run, a cell, an analysis). result: the operation's JSON once it is done; failure: why it
     is not. Belongs to the event loop.
@@ -60,7 +63,8 @@ class Job:
         self.target = target
         self.began = calendar_time()
         self.state: State = "waiting"
-        self.doing, self.share = "", 0.0
+        self.doing, self.share, self.time_left = "", 0.0, ""
+        self._running_since = 0.0
         self.lines: deque[str] = deque(maxlen=KEPT_LINES)
         self.result: Any = None
         self.failure: Failure | None = None
@@ -106,6 +110,7 @@ class Job:
             "state": self.state,
             "doing": self.doing,
             "share": self.share,
+            "time_left": self.time_left,
             "lines": list(self.lines),
             "result": self.result,
             "failure": as_json(self.failure) if self.failure else None,
@@ -116,6 +121,7 @@ class Job:
         if self.ended_already:
             return
         self._changed("running")
+        self._running_since = time.monotonic()
         command = (*worker, self.operation)
         process = await asyncio.to_thread(_started, command, json.dumps(request))
         self._process = process
@@ -148,6 +154,7 @@ class Job:
                     self.failure = from_json(Failure, failure)
                 case {"doing": doing, "share": share}:
                     self.doing, self.share = doing, max(share, self.share)
+                    self.time_left = time_left(time.monotonic() - self._running_since, share)
                 case {"line": line}:
                     self.lines.append(line)
             self._changed()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager, nullcontext
@@ -20,6 +21,7 @@ from cellctl.journal.journal_file import WriterLock, lock_holder
 from cellctl.operations.exporting import ExportOptions, exported, model_source, read_source
 from cellctl.operations.fit_options import Asked, Judging
 from cellctl.operations.fitting import FitInput, fit_rows
+from cellctl.operations.pace import TELLING, continued
 from cellctl.operations.programs import LeftPlace, PathFigures
 from cellctl.operations.results import ABORTED, MEANINGS, Failure, as_json, from_json
 from cellctl.operations.robot_suggestion import Suggestions, doubt_of, suggest_robots
@@ -417,8 +419,14 @@ def _fitted(progress: Progress) -> Outcome:
     if not record.robot:
         raise InputError(Problem(record.data, 0, 0, "no robot is chosen", "choose one, or give a robot file"))
     given = FitInput.load(Path(record.robot), Path(record.dataset or record.data), asked)
-    parts = {"check": part_of(progress, 0.0, 0.1), "fit": part_of(progress, 0.1, 0.97)}
-    found = fit_rows(given, asked, judging, lambda name: nullcontext(parts[name]), check=record.settings.check)
+    began = time.monotonic()
+
+    def shown(name: str) -> nullcontext[Progress]:
+        if name == "check":
+            return nullcontext(part_of(progress, 0.0, TELLING))  # how long the fit takes is not known yet
+        return nullcontext(continued(part_of(progress, 0.0, 0.97), time.monotonic() - began, time.monotonic))
+
+    found = fit_rows(given, asked, judging, shown, check=record.settings.check)
     progress("writing model and report", 0.98)
     model = found.model()
     model.save(Path(MODEL))

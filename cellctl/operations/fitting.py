@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, TypeAlias, final
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from cellctl.calibration import FitResult, Split, fit
 from cellctl.calibration.identification.progress import Progress, silent
@@ -31,6 +32,8 @@ from cellctl.formats import (
 from cellctl.formats.measurements import refuse_alike
 from cellctl.formats.type_prior import USED, TypePriorFile, with_type_prior
 from cellctl.operations.fit_options import Asked, Judging, option
+from cellctl.operations.fold_processes import FoldProcesses
+from cellctl.operations.results import as_json, from_json
 from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 from cellctl.report.fit import FitStory
 
@@ -192,11 +195,20 @@ class Fitted:
         return fit_page(FitStory.of(self.measured, self.result, self.split, self.report, sources))
 
 
-def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | None = None, *, check: bool) -> Fitted:
+def fit_rows(
+    given: FitInput,
+    asked: Asked,
+    judging: Judging,
+    shown: Shown | None = None,
+    *,
+    check: bool,
+    processes: int | None = None,
+) -> Fitted:
     """Fit the robot to the data set, and judge it on held-out rows.
 
-    check: look for set-up errors first. shown: makes the progress report of `check` and of `fit`. The options are
-    checked before (`Asked.refuse`). Raises InputError where data, options and files do not allow a fit.
+    check: look for set-up errors first. shown: makes the progress report of `check` and of `fit`. processes: most that
+    compute the folds; None: as many as processors, for a fit that takes long. The options are checked before
+    (`Asked.refuse`). Raises InputError where data, options and files do not allow a fit.
     """
     measured = measured_rows(given, asked)
     refuse_alike(measured)
@@ -207,8 +219,52 @@ def fit_rows(given: FitInput, asked: Asked, judging: Judging, shown: Shown | Non
         with progress("check") as told:
             refuse_setup_errors(measured, files, NO_CHECK, told)
     with progress("fit") as told:
-        result = fit(measured.task, split, told)
+        result = fit_with_processes(given, asked, judging, measured, split, told, processes)
     return Fitted(given, measured, split, result, fit_report(measured, result, labels))
+
+
+def fit_with_processes(
+    given: FitInput,
+    asked: Asked,
+    judging: Judging,
+    measured: Measurements,
+    split: Split,
+    told: Progress,
+    processes: int | None,
+) -> FitResult:
+    """`fit`, its folds in up to so many processes; one thread for linear algebra in each, so that the number of
+    processes changes no bit.
+    """
+    folds = FoldProcesses(measured.task, split, fit_request(given, asked, judging), processes, told)
+    with threadpool_limits(1, user_api="blas"):
+        return fit(measured.task, split, folds.model, folds)
+
+
+def fit_request(given: FitInput, asked: Asked, judging: Judging) -> dict[str, Any]:
+    """From which `requested_rows` makes rows and split of a fit in another process: JSON."""
+    data = given.data
+    return {
+        "robot": given.robot.model_dump(mode="json"),
+        "data": {"file": data.file, "columns": data.columns, "cells": data.cells, "lines": data.lines},
+        "artefact": given.artefact.model_dump(mode="json") if given.artefact else None,
+        "prior": given.prior.model_dump(mode="json") if given.prior else None,
+        "asked": as_json(asked),
+        "judging": as_json(judging),
+    }
+
+
+def requested_rows(request: Mapping[str, Any]) -> tuple[Measurements, Split]:
+    """Rows and split of a `fit_request`."""
+    data = request["data"]
+    given = FitInput(
+        document=Document(data["file"], "", request["robot"], {(): (0, 0)}, {}),
+        robot=RobotFile.model_validate(request["robot"]),
+        data=DataSet(data["file"], tuple(data["columns"]), tuple(map(tuple, data["cells"])), tuple(data["lines"])),
+        artefact=Artefact.model_validate(request["artefact"]) if request["artefact"] else None,
+        prior=ModelFile.model_validate(request["prior"]) if request["prior"] else None,
+    )
+    measured = measured_rows(given, from_json(Asked, request["asked"]))
+    return measured, split_of(measured, from_json(Judging, request["judging"]))[0]
 
 
 def robot_of(path: Path) -> tuple[Document, RobotFile]:
@@ -270,14 +326,25 @@ USUAL = ("geometry", "kriging", "geometry+kriging", "geometry+idw")
 
 
 def compare_fits(
-    given: FitInput, asked: Asked, judging: Judging, choices: Sequence[str], shown: Shown | None = None, *, check: bool
+    given: FitInput,
+    asked: Asked,
+    judging: Judging,
+    choices: Sequence[str],
+    shown: Shown | None = None,
+    *,
+    check: bool,
+    processes: int | None = None,
 ) -> ComparedFits:
-    """`auto` and each of `choices`, on the same rows and folds. Raises InputError where one cannot be fitted."""
+    """`auto` and each of `choices`, on the same rows and folds. Raises InputError where one cannot be fitted.
+
+    processes: as for `fit_rows`.
+    """
     names = tuple(dict.fromkeys([FIRST, *(each for one in choices for each in (USUAL if one == "usual" else (one,)))]))
     progress, first, results, seconds = shown or silently, None, [], []
     for name in names:
         began = time.perf_counter()
-        measured = measured_rows(given, replace(asked, model=name))
+        of_this = replace(asked, model=name)
+        measured = measured_rows(given, of_this)
         if first is None:
             refuse_alike(measured)
             first, (split, _) = measured, split_of(measured, judging)
@@ -289,7 +356,7 @@ def compare_fits(
                     refuse_setup_errors(measured, files, NO_CHECK, told)
         with progress(name) as told:
             try:
-                results.append(fit(measured.task, split, told))
+                results.append(fit_with_processes(given, of_this, judging, measured, split, told, processes))
             except ValueError as error:
                 raise InputError(option("compare", f"{name}: {error}", "leave this model out")) from error
         seconds.append(time.perf_counter() - began)

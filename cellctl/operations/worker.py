@@ -1,7 +1,8 @@
 """Computing in another process: one operation of a fixed table; JSON in, lines of JSON out; nothing is pickled.
 
 `python -P -m cellctl.operations.worker OPERATION` reads the request, a JSON object, from stdin. Each line of its
-output is `{"doing": …, "share": …}` or `{"line": …}`; the last one is `{"result": …}` or `{"failure": …}`.
+output is `{"doing": …, "share": …}` or `{"line": …}`, of folds with `"fold": …`; the last one is `{"result": …}` or
+`{"failure": …}`.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ OPERATIONS: dict[str, str] = {
     "examine": "cellctl.operations.doctor:examine_requested",
     "export": "cellctl.operations.worker_operations:export",
     "fit": "cellctl.operations.worker_operations:fit",
+    "folds": "cellctl.operations.worker_operations:folds",
     "look_at_table": "cellctl.operations.worker_operations:look_at_table",
     "replay": "cellctl.operations.worker_operations:replay",
     "report": "cellctl.operations.worker_operations:report",
@@ -43,6 +45,9 @@ _MOST_WORDS = 1000
 
 NICENESS = 10
 """A job computes with less priority than a run beside it."""
+
+WAITED_FOR = frozenset({"folds"})
+"""Operations for a process that waits for them: they have its priority."""
 
 
 class OperationFailed(Exception):
@@ -83,7 +88,7 @@ def main(operations: Mapping[str, str] = OPERATIONS) -> int:
     try:
         module, name = operations[sys.argv[1]].split(":")
         request = json.load(sys.stdin)
-        os.nice(NICENESS)
+        os.nice(0 if sys.argv[1] in WAITED_FOR else NICENESS)
         operation: Operation = getattr(import_module(module), name)
         tell({"result": operation(request, tell)})
     except KeyboardInterrupt:

@@ -5,14 +5,18 @@ Each takes a JSON object and what reports a line, and returns JSON.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
 from cellctl.calibration.identification.progress import Progress
+from cellctl.calibration.verdict.fit import held_out_fold
 from cellctl.files import write_atomically
 from cellctl.operations.analyses import FitSettings, fit_analysis, understand_analysis
 from cellctl.operations.analysis_programs import ProgramRequest, compensate_analysis
 from cellctl.operations.export import Form, export_run
+from cellctl.operations.fitting import requested_rows
+from cellctl.operations.fold_processes import as_lists
 from cellctl.operations.replay import replay_run
 from cellctl.operations.results import as_json, from_json
 from cellctl.operations.table_actions import TableRequest, act, look
@@ -28,6 +32,22 @@ def understand(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 def fit(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """`folder`, `settings` → how the fit ended."""
     return as_json(fit_analysis(Path(request["folder"]), FitSettings(**request["settings"]), _progress(tell)))
+
+
+def folds(request: dict[str, Any], tell: Tell) -> None:
+    """The folds with the numbers `folds` of a fit (`fitting.fit_request`): tells each as it is done. It ends with the
+    process that waits for them.
+    """
+    parent = os.getppid()
+    measured, split = requested_rows(request)
+    for number in request["folds"]:
+
+        def told(doing: str, share: float, fold: int = number) -> None:
+            if os.getppid() != parent:
+                raise KeyboardInterrupt
+            tell({"fold": fold, "doing": doing, "share": share})
+
+        tell({"fold": number, "held_out": as_lists(held_out_fold(measured.task, split, number, told))})
 
 
 def compensate(request: dict[str, Any], tell: Tell) -> dict[str, Any]:

@@ -23,6 +23,11 @@ class Split:
     fit: Any
     judged: tuple[tuple[Any, Any], ...]
 
+    @property
+    def folds_apart(self) -> tuple[int, ...]:
+        """The numbers of those pairs whose model is not the one made from `fit`."""
+        return tuple(number for number, (one, _) in enumerate(self.judged) if one is not self.fit)
+
     @classmethod
     def by_column(cls, held_out: Bools) -> Self:
         """Rows where `held_out` (N,) is true are held out."""

@@ -49,6 +49,7 @@ class Progress(BaseModel):
 
     doing: str = Field(description="Current activity")
     share: float = Field(description="Share of the work that is done, 0 to 1")
+    time_left: str = Field(description="Such as `36 s left`; empty while it is not known")
     job: str
 
 
@@ -225,7 +226,7 @@ async def _state(name: str) -> AnalysisOut:
     state = await asyncio.to_thread(analyses.state_of, folder)
     understood = await asyncio.to_thread(analyses.read_json, folder / analyses.UNDERSTOOD)
     job = commands.job_of(name)
-    progress = Progress(doing=job.doing, share=job.share, job=job.id) if job else None
+    progress = Progress(doing=job.doing, share=job.share, time_left=job.time_left, job=job.id) if job else None
     return AnalysisOut(**as_json(state), understood=understood, progress=progress)
 
 

@@ -339,7 +339,8 @@ class _Page:
     def _show_progress(self) -> None:
         if self._job is not None:
             self._bar.set_value(round(self._job.share, 3))
-            self._doing.set_text(f"{100.0 * self._job.share:.0f} %")
+            percent = f"{100.0 * self._job.share:.0f} %"
+            self._doing.set_text(", ".join(filter(None, (percent, self._job.time_left))))
             self._step.set_text(self._job.doing or "starting")
 
     @ui.refreshable_method

@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from cellctl.calibration.identification.progress import part_of
-from cellctl.cli.fit_progress import shown_progress, time_left
+from cellctl.cli.fit_progress import shown_progress
+from cellctl.operations.pace import time_left
 
 
 def test_a_short_fit_says_nothing(capsys):
