@@ -55,6 +55,11 @@ def named_contributions(group: str, kind: type[T], what: str, broken: list[str])
             broken.append(f"{label} is no {kind.__name__}")
 
 
+def has_package(name: str) -> bool:
+    """Whether a package of an extra is installed."""
+    return find_spec(name) is not None
+
+
 class Compared(Protocol):
     """The runs of a folder that were compared."""
 

@@ -62,6 +62,7 @@ VERBS = {
     "fit": Verb("fit", "fit", "Identify a robot; compare it with nominal on held-out rows."),
     "prior": Verb("prior", "prior", "Make a prior of a type from the calibrations of its robots."),
     "analyse": Verb("analyse", "analyse", "Analyse the similarity of a robot's errors."),
+    "study": Verb("study", "study", "Run many fits or campaigns over factors and seeds; rows as Parquet, and a page."),
     "predict": Verb("fit", "predict", "Predict the TCP at given joints: pose and 1 σ (3-D, mm)."),
     "compensate": Verb(
         "compensate",

@@ -1,4 +1,4 @@
-"""What the studies share: arguments, units of work in processes, a row of a file for each, and tables from the rows.
+"""What the studies share: arguments, and tables from rows, which `cellctl.operations.studies.runner` computes.
 
 A unit is one seed of one case. Its row is appended to `runs/studies/CODE/NAME.jsonl` when it is finished; a later call
 computes only the units whose row is not there. CODE stands for the sources, so that changed code begins anew; each row
@@ -9,21 +9,19 @@ from __future__ import annotations
 
 import ast
 import hashlib
-import json
-import os
 import pkgutil
 import sys
-import time
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
-from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from cellctl.operations.studies.runner import Row, as_line, computed, each, in_processes, load, of_unit
+
+__all__ = ["ROWS", "Row", "Study", "Table", "each"]
 
 
 def code_version(root: Path) -> str:
@@ -44,10 +42,6 @@ ROWS = Path("runs", "studies", CODE)
 KEPT = Path(__file__).parent / "kept"
 """Rows that the repository keeps, from which a document's figures are."""
 
-ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "MKL", "OMP")}
-
-Row = dict[str, Any]
-
 
 class Table(NamedTuple):
     """Text made from rows. mark: names its place in a document, between `<!-- mark` and `<!-- end of mark -->`."""
@@ -55,11 +49,6 @@ class Table(NamedTuple):
     text: str
     mark: str = ""
     title: str = ""
-
-
-def each(**axes: Iterable[Any]) -> Iterator[Row]:
-    """A unit for each combination; the last axis changes first."""
-    return (dict(zip(axes, values, strict=True)) for values in product(*axes.values()))
 
 
 @dataclass(frozen=True)
@@ -108,7 +97,7 @@ class Study:
         missing = [unit for unit in units if not of_unit(unit, rows)]
         _tell(f"{len(units) - len(missing)} of {len(units)} rows are in {source}")
         if missing and not asked.kept:
-            rows += self.computed(missing, file, asked.processes)
+            rows += computed(self.measure, missing, file, in_processes(asked.processes), _told, {"code": CODE})
         found = [row for unit in units if (row := of_unit(unit, rows))]
         if not found:
             _tell("no rows, no table")
@@ -121,56 +110,21 @@ class Study:
             keep(kept, units, found)
         return 0 if self.passed(found) else 1
 
-    def computed(self, units: Sequence[Row], file: Path, processes: int) -> list[Row]:
-        """The rows of these units, appended to the file as they come."""
-        os.environ.update(ONE_THREAD)  # the workers import NumPy with this
-        file.parent.mkdir(parents=True, exist_ok=True)
-        waiting, running, found, began = [*reversed(units)], {}, [], time.perf_counter()
-        pool = ProcessPoolExecutor(min(processes, len(units)), get_context("spawn"))
-        with pool, file.open("a", encoding="utf-8") as target:
-            while waiting or running:
-                while waiting and len(running) < processes:  # none is queued, so that none is begun after an error
-                    unit = waiting.pop()
-                    running[pool.submit(_line, self.measure, unit)] = unit
-                for done in wait(running, return_when=FIRST_COMPLETED).done:
-                    target.write(done.result())
-                    target.flush()
-                    found.append(json.loads(done.result()))
-                    name = ", ".join(f"{key} {value}" for key, value in running.pop(done).items())
-                    _tell(f"{len(found)} of {len(units)}, {time.perf_counter() - began:.0f} s: {name}")
-        return found
 
-
-def _line(measure: Callable[..., Mapping[str, Any]], unit: Row) -> str:
-    return _json({**unit, **measure(**unit), "code": CODE})
-
-
-def _json(row: Row) -> str:
-    return json.dumps(row, default=lambda array: array.tolist(), ensure_ascii=False) + "\n"
+def _told(unit: Row, done: int, count: int, seconds: float) -> None:
+    name = ", ".join(f"{key} {value}" for key, value in unit.items())
+    _tell(f"{done} of {count}, {seconds:.0f} s: {name}")
 
 
 def _tell(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def load(file: Path) -> list[Row]:
-    """The rows of a file; a last line that was cut off when a call was killed is taken away."""
-    whole, end, cut = file.read_text(encoding="utf-8").rpartition("\n") if file.exists() else ("", "", "")
-    if cut:
-        file.write_text(whole + end, encoding="utf-8")
-    return [json.loads(line) for line in whole.split("\n") if line]
-
-
-def of_unit(unit: Row, rows: Iterable[Row]) -> Row | None:
-    """The row of a unit."""
-    return next((row for row in rows if unit.items() <= row.items()), None)
-
-
 def keep(file: Path, units: Iterable[Row], rows: Iterable[Row]) -> None:
     """Put rows in place of all that the file has of the same cases, whatever their seeds."""
     cases = [{key: value for key, value in unit.items() if key != "seed"} for unit in units]
     others = [row for row in load(file) if not any(case.items() <= row.items() for case in cases)]
-    file.write_text("".join(map(_json, [*others, *rows])), encoding="utf-8")
+    file.write_text("".join(map(as_line, [*others, *rows])), encoding="utf-8")
 
 
 def write_into(document: Path, table: Table) -> None:

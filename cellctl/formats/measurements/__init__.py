@@ -1,7 +1,7 @@
 """From robot file, data set and artefact to the task of an identification: rows of every kind, sessions, a model."""
 
 from cellctl.formats.measurements._conditions import Conditions
-from cellctl.formats.measurements._measured import Measurements, measurements, refuse_alike
+from cellctl.formats.measurements._measured import Measurements, measurements, refuse_alike, tolerances_of
 from cellctl.formats.measurements._model_choice import ModelChoice, ModelTerms, nominal_model
 from cellctl.formats.measurements._rows import Reading
 from cellctl.formats.measurements._sessions import OWN, Spacing
@@ -22,4 +22,5 @@ __all__ = [
     "measurements",
     "nominal_model",
     "refuse_alike",
+    "tolerances_of",
 ]
