@@ -30,6 +30,9 @@ CONNECT_S = 30.0
 ANSWER_S = 10.0
 """For the result of a task that is done, and for the end of a connection, s."""
 
+HERE = "127.0.0.1:0"
+"""Dask's pages of a local cluster: seen from this computer alone, at any free port."""
+
 CURE = "install them with `pip install 'cellctl[study]'`, or give --processes N: it computes without them"
 
 
@@ -54,8 +57,14 @@ def on_cluster(scheduler: str | None, workers: int, told: Callable[[str], None])
         with ExitStack() as stack:
             address = scheduler
             if address is None:
-                settings = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
-                cluster = LocalCluster(**settings, host="127.0.0.1", processes=True, silence_logs=50)
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address=HERE,
+                    worker_dashboard_address=HERE,
+                    silence_logs=logging.CRITICAL,
+                )
                 address = stack.enter_context(cluster).scheduler_address
             yield from _Client(address, told).computed(work, units)
 
