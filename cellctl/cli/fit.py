@@ -228,7 +228,15 @@ def fit(
     refuse_outputs({"--out": out, "--report": page, "--json": json_}, [robot, data, artefact, prior, prior_of_type])
     if compare:
         _compare(
-            FitInput.load(robot, data, asked), asked, judging, compare, check=check, out=out, page=page, json_=json_
+            FitInput.load(robot, data, asked),
+            asked,
+            judging,
+            compare,
+            check=check,
+            processes=processes,
+            out=out,
+            page=page,
+            json_=json_,
         )
         return
 
@@ -259,6 +267,7 @@ def _compare(
     models: Sequence[str],
     *,
     check: bool,
+    processes: int | None,
     out: Path | None,
     page: Path | None,
     json_: str | None,
@@ -269,7 +278,8 @@ def _compare(
         problems.append(option("compare", "does not go with --model, --prior, --prior-of-type or --free", cure))
     if problems:
         raise InputError(problems)
-    found, unwritten = compare_fits(given, asked, judging, models, shown_progress, check=check), Unwritten()
+    unwritten = Unwritten()
+    found = compare_fits(given, asked, judging, models, shown_progress, check=check, processes=processes)
     if page:
         from cellctl.report.compared_fits import compared_page  # here: matplotlib takes a second
 

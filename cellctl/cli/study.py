@@ -31,7 +31,7 @@ def study(
     processes: Annotated[int | None, typer.Option(min=1, help="Compute in so many processes, without Dask.")] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Run a study: its rows as Parquet, and a page with figures.
+    """Run many fits or campaigns over factors and seeds; rows as Parquet, and a page.
 
     The same call continues an interrupted study: what is done is not computed again. Every way of computing gives the
     same bytes.

@@ -45,7 +45,7 @@ def held_out_of(lists: Mapping[str, Any]) -> HeldOut:
 
 def processors() -> int:
     """How many processors this process may use."""
-    return len(os.sched_getaffinity(0))
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @final

@@ -26,6 +26,7 @@ from cellctl.formats import RobotFile, load_artefact
 from cellctl.formats.cell_sections import currents_of
 from cellctl.formats.load import load_of
 from cellctl.formats.measurements import KINDS
+from cellctl.operations.studies.study_file import Study
 from cellctl.procedure import StepRegistry, checked_parameters, load_procedure
 from tests.helpers.arms import kr5_model, readings_near_the_middle, targets_csv
 from tests.helpers.runs import CELL, ROOT, cellctl
@@ -194,6 +195,9 @@ def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> 
             file.write_text(shipped + block.text)
             done = cellctl("check", ROOT / "procedures" / "sphere_selfcal.yaml", "--cell", file)
             assert done.returncode == 0, done.stderr
+        case {"study": _}:
+            file.write_text(block.text)
+            assert Study.load(file).units
         case {"report": _}:
             file.write_text(CELL.read_text() + block.text)
             Cell.load(file, DriverRegistry())

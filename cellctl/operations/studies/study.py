@@ -5,8 +5,11 @@ The folder belongs to one study file and one version of the code: with a changed
 
 from __future__ import annotations
 
+import platform
+import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, final
 
@@ -15,6 +18,7 @@ from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_
 from cellctl.files.plain_words import read_json
 from cellctl.journal.journal_file import WriterLock
 from cellctl.operations.launch import code_hash
+from cellctl.operations.studies.campaign_units import RUNS
 from cellctl.operations.studies.row_table import parquet_of, refuse_without_parquet
 from cellctl.operations.studies.runner import Compute, Measure, Row, as_line, computed, load
 from cellctl.operations.studies.study_file import SEED, Study
@@ -46,12 +50,16 @@ def run_study(study: Study, studies: Path, compute: Compute, progress: Progress)
     folder.mkdir(parents=True, exist_ok=True)
     lock = WriterLock.take(folder / LOCK)
     try:
-        _refuse_changed(folder, _identity(study))
+        identity = _identity(study)
+        _refuse_changed(folder, identity)
         there = {_unit_line(row, study) for row in load(folder / ROWS)}
         missing = [unit for unit in study.units if as_line(unit) not in there]
         try:
             if missing:
-                computed(_measure(study, folder), missing, folder / ROWS, compute, partial(_told, progress), {})
+                measure = _measure(study, folder, identity["code"])
+                computed(measure, missing, folder / ROWS, compute, partial(_told, progress), {})
+            if study.content.keep == "none":  # also what a killed worker left
+                shutil.rmtree(folder / RUNS, ignore_errors=True)
         finally:  # also of what an interrupted study has
             _write_results(study, folder, in_order(study, load(folder / ROWS)))
     finally:
@@ -71,9 +79,22 @@ def _write_results(study: Study, folder: Path, rows: list[Row]) -> None:
     write_atomically(folder / PAGE, page)
 
 
-def _measure(study: Study, folder: Path) -> Measure:
+def _measure(study: Study, folder: Path, code: str) -> Measure:
     beside = str(Path(study.document.file).resolve().parent)
-    return partial(study.kind.measure, beside, str(folder.resolve()), study.content.keep)
+    return partial(by_same_code, code, study.kind.measure, beside, str(folder.resolve()), study.content.keep)
+
+
+def by_same_code(code: str, measure: Measure, *given: str, **unit: Any) -> Mapping[str, Any]:
+    """What `measure` gives, where this process has the code with this hash. Raises InputError for another code."""
+    if _own_code() != code:
+        what = "a worker has another version of cellctl, its drivers or steps than this computer"
+        raise InputError(Problem(platform.node(), 0, 0, what, "install the same version there, and start it again"))
+    return measure(*given, **unit)
+
+
+@cache
+def _own_code() -> str:
+    return code_hash()
 
 
 def _told(progress: Progress, unit: Row, done: int, count: int, seconds: float) -> None:

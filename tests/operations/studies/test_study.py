@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 
 import pytest
 from pyarrow import parquet
@@ -13,9 +12,9 @@ from cellctl.files import InputError
 from cellctl.operations.studies import cluster, row_table
 from cellctl.operations.studies.cluster import on_cluster
 from cellctl.operations.studies.runner import in_processes, load
-from cellctl.operations.studies.study import ROWS, run_study
+from cellctl.operations.studies.study import ROWS, by_same_code, run_study
 from cellctl.operations.studies.study_file import Study
-from tests.helpers.runs import CELL, ROOT, cellctl, touches_procedure
+from tests.helpers.runs import CELL, cellctl, touches_procedure
 
 FITS = """\
 study: fit
@@ -99,6 +98,11 @@ def test_rows_are_in_order_and_computed_once_and_another_study_or_code_is_refuse
         run_study(study, tmp_path / "studies", nothing, silent)
 
 
+def test_a_worker_with_other_code_computes_nothing():
+    with pytest.raises(InputError, match="another version of cellctl"):
+        by_same_code("another", nothing, rows=20)
+
+
 def test_without_the_extra_the_message_says_what_to_install(tmp_path, monkeypatch):
     for module in (cluster, row_table):
         monkeypatch.setattr(module, "has_package", lambda name: False)
@@ -127,12 +131,6 @@ def test_a_campaign_has_a_run_folder_of_its_own_that_is_kept_by_choice(tmp_path,
     assert (row["state"], row["points"]) == ("finished", 2)
     kept = list((tmp_path / "studies" / "touches").glob("runs/*/*/journal.sqlite"))
     assert len(kept) == (1 if keep == "all" else 0)
-
-
-def test_the_example_of_the_documentation_is_a_study(tmp_path):
-    text = (ROOT / "docs" / "reference" / "studies.md").read_text()
-    for example in re.findall(r"```yaml\n(.*?)```", text, re.DOTALL):
-        assert study_of(tmp_path, example).units
 
 
 def test_the_command_refuses_two_ways_of_computing(tmp_path):
