@@ -40,7 +40,10 @@ def as_lists(found: HeldOut) -> dict[str, Any]:
 def held_out_of(lists: Mapping[str, Any]) -> HeldOut:
     """Held-out rows from their JSON."""
     kinds = {name: int if name == "posture" else float for name in lists}
-    return HeldOut(**{name: None if value is None else np.array(value, kinds[name]) for name, value in lists.items()})
+    found: dict[str, Any] = {}
+    for name, value in lists.items():
+        found[name] = None if value is None else np.array(value, kinds[name])
+    return HeldOut(**found)
 
 
 def processors() -> int:

@@ -30,6 +30,10 @@ CONNECT_S = 30.0
 ANSWER_S = 10.0
 """For the result of a task that is done, and for the end of a connection, s."""
 
+RESTART_S = 24 * 3600
+"""After so long without its worker a local cluster gives a place up, s. Within Dask's own 15 s a busy computer does not
+start a worker twice: all places would be given up, and the study would wait for ever."""
+
 HERE = "127.0.0.1:0"
 """Dask's pages of a local cluster: seen from this computer alone, at any free port."""
 
@@ -52,11 +56,13 @@ def on_cluster(scheduler: str | None, workers: int, told: Callable[[str], None])
     refuse_without_dask()
 
     def compute(work: Work, units: Sequence[Row]) -> Iterator[tuple[Row, str]]:
+        import dask  # an extra: it may be missing
         from distributed import LocalCluster  # an extra: it may be missing
 
         with ExitStack() as stack:
             address = scheduler
             if address is None:
+                stack.enter_context(dask.config.set({"distributed.deploy.lost-worker-timeout": RESTART_S}))
                 cluster = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
@@ -82,9 +88,8 @@ class _Client:
 
     def computed(self, work: Work, units: Sequence[Row]) -> Iterator[tuple[Row, str]]:
         from distributed import wait  # an extra: it may be missing
-        from distributed.comm import CommClosedError  # an extra: it may be missing
 
-        lost = (OSError, TimeoutError, CancelledError, CommClosedError, RuntimeError)
+        lost = (OSError, TimeoutError, CancelledError, RuntimeError)
         self._client = self._connected(first=True)
         waiting, running = [*reversed(units)], dict[Any, Row]()
         try:
