@@ -15,7 +15,7 @@ from typing import Any, final
 
 from cellctl.calibration.identification.progress import Progress
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
-from cellctl.files.plain_words import read_json
+from cellctl.files.validated import read_json
 from cellctl.journal.journal_file import WriterLock
 from cellctl.operations.launch import code_hash
 from cellctl.operations.studies.campaign_units import RUNS
