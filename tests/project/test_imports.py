@@ -190,6 +190,7 @@ BY_STRING = {
     "cellctl/operations/cell_devices.py": "the simulators, a process",
     "cellctl/operations/launch.py": "scipy, before a run connects",
     "cellctl/operations/run_control.py": "a detached run, a process",
+    "cellctl/operations/studies/campaign_units.py": "a run of a study, a process",
     "cellctl/operations/worker.py": "operations in another process",
     "cellctl/procedure/registry.py": "the modules of a family of steps, before a run connects",
     "drivers/kuka_rsi/robot/rsi_process.py": "the RSI process",
