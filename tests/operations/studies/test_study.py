@@ -124,11 +124,11 @@ def test_two_workers_and_one_process_give_the_same_bytes(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("keep", ["none", "all"])
 def test_a_campaign_has_a_run_folder_of_its_own_that_is_kept_by_choice(tmp_path, keep):
-    touches_procedure(tmp_path, fit=1)
+    touches_procedure(tmp_path, fit=5)
     text = f"study: campaign\nname: touches\nsettings: {{procedure: touches.yaml, cell: {CELL}}}\nkeep: {keep}\n"
     run_study(study_of(tmp_path, text), tmp_path / "studies", here, silent)
     (row,) = load(tmp_path / "studies" / "touches" / ROWS)
-    assert (row["state"], row["points"]) == ("finished", 2)
+    assert (row["state"], row["points"]) == ("finished", 6)
     kept = list((tmp_path / "studies" / "touches").glob("runs/*/*/journal.sqlite"))
     assert len(kept) == (1 if keep == "all" else 0)
 
