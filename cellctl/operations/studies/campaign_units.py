@@ -84,6 +84,6 @@ def _result(beside: Path, unit: dict[str, Any], runs: Path) -> tuple[dict[str, A
         for when in ("before", "after")
         for name in ("mean", "rms", "max")
     }
-    section = {name: value for name, value in result["section"].items() if isinstance(value, bool | int | float)}
-    row = {"state": result["state"], "verdict": result["verdict"], "points": result["points"], **figures, **section}
-    return {**row, "simulated_s": result["simulated_s"]}, done.returncode
+    known = {*unit, "wall_s"}
+    numbers = {k: value for k, value in result.items() if isinstance(value, bool | int | float) and k not in known}
+    return {"state": result["state"], "verdict": result["verdict"], **figures, **numbers}, done.returncode
