@@ -173,7 +173,8 @@ class ModelFile(BaseModel):
     that were touched. datums: zeros of instruments that measured lengths. sessions: where there are several.
     load_region: payloads of the fit, where its rows state them.
     outside_mm: additional 1 σ, 3-D, of a prediction far outside the joint region; scatter_mm: of errors too fast for
-    the model. figures: the fit's own figures. provenance: SHA-256 of the inputs.
+    the model; model_error_scale: factor on all of it (`MeasuredRegion`). figures: the fit's own figures. provenance:
+    SHA-256 of the inputs.
     """
 
     model_config = _STRICT
@@ -192,6 +193,7 @@ class ModelFile(BaseModel):
     load_region: Annotated[LoadRegion | None, Field(exclude_if=lambda region: region is None)] = None
     outside_mm: Number = 0.0
     scatter_mm: Number = 0.0
+    model_error_scale: Annotated[Number, Field(ge=1.0, exclude_if=lambda scale: scale == 1.0)] = 1.0
     figures: dict[str, Any]
     provenance: dict[str, str]
 
@@ -234,6 +236,7 @@ class ModelFile(BaseModel):
             load_region=_loads(measured, result, prior.load_region if prior else None),
             outside_mm=result.region.outside_mm,
             scatter_mm=result.region.scatter_mm,
+            model_error_scale=result.region.model_error_scale,
             figures=result.summary(),
             provenance={"robot_sha256": sha256_of(robot.model_dump()), **(provenance or {})},
         )
@@ -354,7 +357,8 @@ class ModelFile(BaseModel):
         joints, region, own = self.robot.joint_map(), self.joint_region, self._nominal().residual_models
         lower, upper = region.bounds(joints)
         coverage = region.coverage(joints)
-        return MeasuredRegion(lower, upper, self.outside_mm, coverage, region.within, self.scatter_mm, own)
+        sizes = self.outside_mm, coverage, region.within, self.scatter_mm
+        return MeasuredRegion(lower, upper, *sizes, own, self.model_error_scale)
 
 
 def _loads(measured: Measurements, result: FitResult, prior: LoadRegion | None) -> LoadRegion | None:

@@ -12,13 +12,15 @@ the others, which carry most of what a prediction says, would stay unproved.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
 
 from cellctl.calibration import (
     Identification,
+    MeasuredRegion,
     Observability,
     PoseRows,
     PositionRows,
@@ -84,9 +86,14 @@ class Fitted:
         whole[:, :, best.state.columns[0]] = best.state.model.jacobian(q)[:, :3]
         return whole[..., np.diag(best.covariance) > 0.0]
 
+    @cached_property
+    def region(self) -> MeasuredRegion:
+        """What cellctl adds to its covariance."""
+        return Reliability.of(self.task, self.identification).region
+
     def besides(self, q: Floats) -> Floats:
         """1 σ (N,) on each axis, mm, that cellctl adds to its covariance at q (N, n), rad."""
-        return Reliability.of(self.task, self.identification).region.sigma(q) / np.sqrt(3.0)
+        return self.region.sigma(q) / np.sqrt(3.0)
 
     def predicted(self, q: Floats) -> tuple[Floats, Floats]:
         """Tool centre points (N, 3) and their 1 σ (N,), mm, as cellctl predicts them."""
@@ -174,7 +181,8 @@ class Honesty:
     scipy_rms, said_rms: of the volumetric error over all of them, mm; volume_inside: rms² is below the 95 % quantile of
     what the fit's covariance says of it. off_scipy: greatest difference from SciPy's optimum in σ. strangest: greatest
     deviation found in σ of its prior, of what has one. left_out: of `rows` that were all clean; growth: of their σ;
-    prior_scale: of the tolerances, by group.
+    prior_scale: of the tolerances, by group. found_mm, stated_mm, among (M,), of `stated` ones: error and 1 σ of each
+    place, and whether it is among the measured postures, where nothing is added for being outside.
     """
 
     nees: float
@@ -193,10 +201,17 @@ class Honesty:
     growth: float
     prior_scale: Mapping[str, float]
     converged: bool
+    found_mm: Floats = field(default_factory=lambda: np.zeros(0))
+    stated_mm: Floats = field(default_factory=lambda: np.zeros(0))
+    among: Floats = field(default_factory=lambda: np.zeros(0))
 
 
-def honesty(draw: Draw, *, compared: bool = True) -> Honesty:
-    """Identify `draw` by cellctl and, where it is to be `compared`, by SciPy, and judge both by the truth."""
+def honesty(draw: Draw, *, compared: bool = True, stated: bool = False) -> Honesty:
+    """Identify `draw` by cellctl and, where it is to be `compared`, by SciPy, and judge both by the truth.
+
+    stated: by the σ that cellctl states of a prediction; else by the covariance of the fit, with what the measured
+    region adds to a discrepancy. Places of touches are then judged without what moves all of them as one body.
+    """
     fit = fitted(draw)
     names, start, arm = fit.unknown.names, fit.unknown.start, fit.unknown.arm(fit.found)
     truth = deviations_between(names, start, draw.truth, fit.unknown.centres, draw.centres)
@@ -206,10 +221,21 @@ def honesty(draw: Draw, *, compared: bool = True) -> Honesty:
     else:
         columns, points = fit.unknown.columns(fit.found, draw.asked), arm.points(draw.asked)
         besides = np.zeros(len(points))
+    if stated:
+        besides = fit.besides(draw.asked)
     error = points - draw.truth.points(draw.asked)
     each = zip(error, columns, besides, strict=True)
     places = np.array([squared(e, c @ fit.covariance @ c.T + s**2 * np.eye(3)) for e, c, s in each])
     volume = Volume.of(draw, arm, columns, fit.covariance, besides)
+    each_place: dict[str, Floats] = {}
+    if stated:
+        volume = replace(volume, factor=fit.region.model_error_scale * volume.factor)
+        places = volume.squared(error)
+        each_place = {
+            "found_mm": np.linalg.norm(volume.shape_of(error), axis=1),
+            "stated_mm": np.sqrt(np.sum(volume.factor.reshape(len(error), -1) ** 2, axis=1)),
+            "among": (fit.region.outside(draw.asked) == 0.0).astype(float),
+        }
     scipy_rms, off_scipy = _against_scipy(draw, fit, volume) if compared else (np.nan, np.nan)
     return Honesty(
         nees=nees,
@@ -228,6 +254,7 @@ def honesty(draw: Draw, *, compared: bool = True) -> Honesty:
         growth=fit.growth,
         prior_scale=fit.prior_scale,
         converged=fit.converged,
+        **each_place,
     )
 
 
@@ -321,10 +348,19 @@ class Volume:
             spread = np.hstack([spread, np.diag(np.repeat(besides, 3))])
         return cls(together, spread - together @ (together.T @ spread))
 
-    def rms_of(self, error: Floats) -> float:
+    def shape_of(self, error: Floats) -> Floats:
+        """The errors (M, 3) without what nobody can see."""
         flat = error.ravel()
-        left = flat - self.kept @ (self.kept.T @ flat)
+        return np.asarray((flat - self.kept @ (self.kept.T @ flat)).reshape(-1, 3))
+
+    def rms_of(self, error: Floats) -> float:
+        left = self.shape_of(error).ravel()
         return float(np.sqrt(left @ left / len(error)))
+
+    def squared(self, error: Floats) -> Floats:
+        """δᵀ C⁻¹ δ (M,) of each point alone."""
+        spread = self.factor.reshape(len(error), 3, -1)
+        return np.array([squared(e, s @ s.T) for e, s in zip(self.shape_of(error), spread, strict=True)])
 
     @property
     def said_rms(self) -> float:

@@ -52,6 +52,14 @@ FRAME_LETTERS = "xyzabc"
 X, Y, Z = np.eye(3)
 
 
+class ErrorsOfJoints(Protocol):
+    """What joints do besides what a table of links says."""
+
+    def at(self, q: Floats, links: Callable[[Floats], Floats]) -> Floats:
+        """By how much (N, n), rad, joints are beyond q (N, n); `links`: see `JointErrors.at`."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class JointErrors:
     """Of n joints. yielding (n,): sag under the greatest torque, rad. encoder (2, n), phase (2, n): amplitude, rad, and
@@ -152,7 +160,7 @@ class OwnArm:
     tool: Floats = field(default_factory=lambda: np.eye(4))
     bend: float = 0.0
     sag_mm: float = 0.0
-    joint_errors: JointErrors | None = None
+    joint_errors: ErrorsOfJoints | None = None
 
     @property
     def link_names(self) -> tuple[str, ...]:

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tests.helpers.own_model import (
+    ErrorsOfJoints,
     Floats,
-    JointErrors,
     OwnArm,
     OwnPoses,
     OwnPositions,
@@ -77,7 +77,7 @@ class Draw:
 def sph(
     seed: int,
     added: Mapping[str, float] = NOTHING,
-    besides: JointErrors | None = None,
+    besides: ErrorsOfJoints | None = None,
     *,
     errors: Mapping[str, float] = NOTHING,
     count: int = ROWS,
@@ -104,7 +104,7 @@ def sph(
 def positions(
     seed: int,
     added: Mapping[str, float] = NOTHING,
-    besides: JointErrors | None = None,
+    besides: ErrorsOfJoints | None = None,
     *,
     errors: Mapping[str, float] = NOTHING,
     count: int = ROWS,
@@ -116,7 +116,7 @@ def positions(
     return seen_by_tracker(rng, ur10(), q, asked, added=added, besides=besides, errors=errors)
 
 
-def poses(seed: int, added: Mapping[str, float] = NOTHING, besides: JointErrors | None = None) -> Draw:
+def poses(seed: int, added: Mapping[str, float] = NOTHING, besides: ErrorsOfJoints | None = None) -> Draw:
     """50 poses of a target on a KR5."""
     rng = np.random.default_rng([seed, 3])
     q = _within(rng, KR5_REGION, ROWS)
@@ -153,7 +153,7 @@ def seen_by_tracker(
     asked: Floats,
     *,
     added: Mapping[str, float] = NOTHING,
-    besides: JointErrors | None = None,
+    besides: ErrorsOfJoints | None = None,
     errors: Mapping[str, float] = NOTHING,
     whole_poses: bool = False,
 ) -> Draw:

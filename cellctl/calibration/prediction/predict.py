@@ -2,11 +2,12 @@
 
 With J the Jacobian of the TCP by the parameters (3, P) and C their covariance,
 
-    σ² = tr(J C Jᵀ) + 3 v + s² + o²
+    σ² = λ² (tr(J C Jᵀ) + 3 v + s² + o²)
 
 v: variance that the residual models leave open on each axis; s: scatter of the robot that changes too fast for the
 model; o: what the model may be wrong by outside the measured region. Without s and o a model of a real robot states a
-third of its error (UR10: 0.026 mm where 0.087 mm are right).
+third of its error (UR10: 0.026 mm where 0.087 mm are right). λ: `MeasuredRegion.model_error_scale`, 1 unless the rows
+are at fixed points and show that the model lacks something.
 
 **Relative places.** A rigid motion of all points together is no error of their shape. The six motions of the points
 x_n are the columns of G (slides, and turns about the mean); J is replaced by J − G (GᵀG)⁻¹GᵀJ, its part across G. The
@@ -112,7 +113,9 @@ def prediction_sigma(
         known = covariance if frame == "base" else gauge_fixed(covariance, model.names)
         variance = _variance(model, known, postures)
     variance = np.maximum(variance + 3.0 * model.open_variance(postures), 0.0)
-    return np.asarray(np.sqrt(variance) if region is None else np.hypot(np.sqrt(variance), region.sigma(postures.q)))
+    if region is None:
+        return np.sqrt(variance)
+    return np.asarray(region.model_error_scale * np.hypot(np.sqrt(variance), region.sigma(postures.q)))
 
 
 def sigma_among(model: RobotModel, covariance: Floats, at: At, region: MeasuredRegion | None = None) -> float:

@@ -37,7 +37,8 @@ class MeasuredRegion:
     of the rows that is left out (95 % have less), whose error their noise already includes. outside_mm: 1 σ, 3-D,
     mm, of a prediction where all of that variance is left. scatter_mm: scatter of the rows beyond their stated σ, 1
     σ, 3-D, mm: errors of the robot that change too fast for the model. residual_models: those of the model; the one
-    with the larger share outside counts.
+    with the larger share outside counts. model_error_scale: factor on the whole σ of a prediction
+    (`RowsAtJoints.model_error_scale`); 1 where the rows show no model error, or an instrument measured some.
     """
 
     lower: Floats
@@ -47,6 +48,7 @@ class MeasuredRegion:
     within: float = 0.0
     scatter_mm: float = 0.0
     residual_models: tuple[ResidualModel, ...] = ()
+    model_error_scale: float = 1.0
 
     @classmethod
     def of(

@@ -28,6 +28,8 @@ class _InstrumentRows(RowsAtJoints):
     decorrelation: Floats | None
     datum: Any
 
+    model_error_scale: ClassVar[float] = 1.0
+
     @property
     def zeros(self) -> Any:
         """Each row's datum (N,)."""

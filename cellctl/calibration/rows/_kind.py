@@ -78,7 +78,9 @@ class RowsAtJoints(ABC):
     (`normals`). one, many: names of such a row. noun, visits, visits_at_least: names of their fixed points and of the
     rows at them, and how many rows find such a point and check that they agree. at_point: whether the TCP itself is at
     the fixed point. in_setup_check: whether the set-up check can judge such rows (`squared_misfits`, or `positions`);
-    it leaves others out, and says so.
+    it leaves others out, and says so. model_error_scale: factor on σ of predictions where only such rows
+    show that the model lacks something (decision 67): rows at fixed points show a part of what it lacks, the places of
+    the points and the geometry take up the rest.
     """
 
     at: At
@@ -96,6 +98,7 @@ class RowsAtJoints(ABC):
     visits_at_least: ClassVar[int] = 0
     at_point: ClassVar[bool] = False
     in_setup_check: ClassVar[bool] = False
+    model_error_scale: ClassVar[float] = 1.2
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", Postures.of(self.at))

@@ -241,6 +241,7 @@ class SocketRows(RowsAtJoints):
     visits_at_least: ClassVar[int] = 2
     at_point: ClassVar[bool] = True
     in_setup_check: ClassVar[bool] = True
+    model_error_scale: ClassVar[float] = 1.5
 
     @property
     def quantities(self) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ INLIERS_FOUND, TERMS_CHOSEN, IDENTIFIED = 0.1, 0.5, 0.8
 """Shares of the work of `auto` that are done after each stage. Measured on 100, 1000 and 12 000 positions: 0.09 … 0.16,
 0.41 … 0.59 and 0.58 … 0.93. They matter until a first identification has shown its own."""
 
+_PARTLY_SHOWN = "these rows do not show the whole error of the TCP, and the model lacks something"
 _GAPS = "most combinations of these joint angles were not measured"
 
 
@@ -46,8 +47,8 @@ class FitResult:
 
     nominal, test, predicted_test_rms, coverage_95: held-out rows; fit: the rows of the fit. With no held-out rows
     nominal is that of the fit rows, and the verdict is `no better`: there is no proof. verdict_reason: the reason, in
-    words. sigma_ok, sigma_reason: whether the predicted errors can be trusted (None: no row was held out, or the model
-    states no σ), and why; without σ predicted errors and coverage are NaN.
+    words. sigma_ok, sigma_reason: whether the predicted errors can be trusted, and why (None: the held-out rows do not
+    show it, or the model states no σ); without σ predicted errors and coverage are NaN.
     predicted_volumetric_rms: 1 σ of the model, 3-D, over its measured region, without common rigid motions: residuals
     on spheres cannot show it. It has the scatter of errors too fast for the model. at_postures: it is over the measured
     and held-out postures instead, because combinations of base and tool are unobservable (`placement`: at other
@@ -135,6 +136,7 @@ class FitResult:
             "tails": self.reliability.tails,
             "predicted_volumetric_rms": _stated(self.predicted_volumetric_rms),
             "scatter_mm": self.region.scatter_mm,
+            "model_error_scale": self.region.model_error_scale,
             "predicted_over": self.predicted_over,
             "verdict": self.verdict,
             "verdict_reason": self.verdict_reason,
@@ -214,6 +216,7 @@ def fit(task: Task, split: Split, progress: Progress = silent, folds: FoldFits |
         held_out,
         doubts(task, split, final_one),
         sigma_doubts(task, final_one),
+        sigma_open=_PARTLY_SHOWN if whole.reliability.region.model_error_scale > 1.0 else "",
         beat_prior=not (task.registers_only or (not task.is_partial_update and place is not None and place.moved)),
     )
     own_parameters = informed(final_one.identified)

@@ -76,7 +76,8 @@ class Reliability:
         tails, outside = _tails_and_outside(task, found, used, most) if len(used) >= ROWS_AT_LEAST else (1.0, most)
         model = found.identified.state.model
         in_space = float(np.sqrt(3.0) * np.hypot(outside, _far_sigma(found)))
-        return cls(tails, MeasuredRegion.of(used.q, in_space, _scatter(found, used), model.residual_models))
+        region = MeasuredRegion.of(used.q, in_space, _scatter(found, used), model.residual_models)
+        return cls(tails, replace(region, model_error_scale=_model_error_scale(found, used)))
 
 
 def _tails_and_outside(task: Task, found: Identification, used: RowBlocks, most: float) -> tuple[float, float]:
@@ -125,6 +126,12 @@ def _scatter(found: Identification, used: RowBlocks) -> float:
             grown = np.maximum(found.noise[own][lengths] ** 2 - 1.0, 0.0)
             excess.append(float(np.mean(grown * block.sigma[:, lengths] ** 2)))
     return float(np.sqrt(3.0 * min(excess, default=0.0)))
+
+
+def _model_error_scale(found: Identification, used: RowBlocks) -> float:
+    """`MeasuredRegion.model_error_scale`: the smallest of the kinds of rows. Others show what one kind does not."""
+    lacking = bool((found.noise > 1.0).any()) or bool(found.identified.state.model.residual_models)
+    return min((block.model_error_scale for block in used.blocks if len(block)), default=1.0) if lacking else 1.0
 
 
 def _far_sigma(found: Identification) -> float:

@@ -60,7 +60,7 @@ class RegionSigma:
     def besides(self) -> float:
         """RMS over the region of what no further row of this kind lowers: scatter, open variance, outside; mm."""
         scatter = self.region.sigma(self.postures) ** 2 + 3.0 * self.model.open_variance(self.postures)
-        return float(np.sqrt(np.mean(scatter)))
+        return self.region.model_error_scale * float(np.sqrt(np.mean(scatter)))
 
 
 def figures(region: RegionSigma) -> tuple[dict[str, float], dict[str, float]]:
