@@ -261,7 +261,8 @@ class IdentificationRow(Row):
     points. correlation (F, F): of the parameters `correlated` (F,). unobservable: reasons, with combinations.
     sigma_rms_mm, sigma_max_mm: 1 σ of the TCP, 3-D, over the joints of the fit, `frame` in the measuring frame, `among`
     of points among themselves. along_joint: for each joint its readings, deg, and σ there (`among`), mm.
-    hints, advice: what to measure next. left_out: rows that were not used, with reasons.
+    hints, advice: what to measure next. left_out: rows that were not used, with reasons. distribution_free: the bound
+    of a new row's error, in words; empty in runs that have none.
     """
 
     KIND: ClassVar[str] = "identification"
@@ -283,3 +284,4 @@ class IdentificationRow(Row):
     hints: tuple[str, ...]
     advice: Mapping[str, Json] | None
     left_out: tuple[Mapping[str, Json], ...]
+    distribution_free: str = ""

@@ -189,3 +189,26 @@ def test_without_repeats_postures_change_nothing():
     rng = np.random.default_rng(1)
     before, after = rng.uniform(0.5, 1.0, 30), rng.uniform(0.4, 0.95, 30)
     assert paired_verdict(before, after, posture=rng.permutation(30)) == paired_verdict(before, after)
+
+
+def test_a_sigma_that_is_right_is_known_to_be_from_enough_rows_only():
+    normal = np.abs(np.random.default_rng(67).normal(0.0, 0.1, (200, 40)))
+    answers = [[judge(held_out(np.full(n, 1.0), row[:n], 0.1)).sigma_ok for row in normal] for n in (5, 40)]
+    assert answers[0].count(True) < 40
+    assert answers[1].count(True) > 170
+
+
+@pytest.mark.parametrize("rows", [5, 10, 30])
+def test_a_sigma_too_small_by_half_passes_in_five_of_a_hundred_cases_at_most(rows):
+    errors = np.abs(np.random.default_rng(rows).normal(0.0, 0.15, (400, rows)))
+    passed = [judge(held_out(np.full(rows, 1.0), each, 0.1)).sigma_ok is True for each in errors]
+    assert np.mean(passed) < 0.05 + 2.0 * np.sqrt(0.05 * 0.95 / 400)
+
+
+def test_rows_that_cannot_show_the_whole_error_leave_sigma_open_but_not_a_failure():
+    reason = "these rows do not show the whole error"
+    errors = np.abs(np.random.default_rng(68).normal(0.0, 0.1, 40))
+    agreeing = held_out(np.full(40, 1.0), errors, 0.1)
+    assert judge(agreeing, sigma_open=reason).sigma_ok is None
+    far = replace(agreeing, identified=3.0 * errors, p_value=np.full(40, 1e-3))
+    assert judge(far, sigma_open=reason).sigma_ok is False

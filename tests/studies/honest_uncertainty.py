@@ -178,7 +178,10 @@ def effects_that_the_model_lacks(rows: list[Row]) -> list[str]:
         "| among the rows | of one robot, 95 % of them | within 0.5 … 2 |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for (what, name), all_of in sorted(cases(rows, "lacks").items(), key=lambda case: [*SETUPS].index(case[0][1])):
+    groups: dict[tuple[str, str], list[Honesty]] = {}
+    for (what, name), some in cases(rows, "lacks").items():
+        groups.setdefault((name, "tuning, four kinds" if what in TUNING else what), []).extend(some)
+    for (name, what), all_of in sorted(groups.items(), key=lambda group: [*SETUPS].index(group[0][0])):
         ratios = np.array([_stated_over_found([one]) for one in all_of])
         inside = np.mean([one.place_nees <= chi2.ppf(0.95, 3) for one in all_of])
         cells = (
@@ -190,7 +193,7 @@ def effects_that_the_model_lacks(rows: list[Row]) -> list[str]:
             "{:.2f} … {:.2f}".format(*np.quantile(ratios, [0.025, 0.975])),
             f"{100.0 * np.mean((ratios >= 0.5) & (ratios <= 2.0)):.1f} %",
         )
-        lines.append(_line(name, f"{what} (tuning)" if what in TUNING else what, len(all_of), *cells))
+        lines.append(_line(name, what, len(all_of), *cells))
     return lines
 
 

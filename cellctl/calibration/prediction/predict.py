@@ -114,7 +114,7 @@ def prediction_sigma(
         variance = _variance(model, known, postures)
     variance = np.maximum(variance + 3.0 * model.open_variance(postures), 0.0)
     if region is None:
-        return np.sqrt(variance)
+        return np.asarray(np.sqrt(variance))
     return np.asarray(region.model_error_scale * np.hypot(np.sqrt(variance), region.sigma(postures.q)))
 
 

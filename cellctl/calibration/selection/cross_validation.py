@@ -243,7 +243,7 @@ class Folded:
         if again:
             logs, _ = others.tuned(logs)
         JtJ, Jtr = others.posterior(logs)
-        root = _factored(JtJ)
+        root = factored(JtJ)
         x = -cho_solve(root, Jtr, check_finite=False)
         shown = evenly(test, most)
         columns = self.linear.jacobian[shown][..., at]
@@ -277,7 +277,7 @@ class Folded:
         return residual - (mine @ step).reshape(residual.shape), True
 
 
-def _factored(square: Floats) -> Any:
+def factored(square: Floats) -> Any:
     """Cholesky factor. A fold is taken off the sums by subtraction: of an unobservable parameter the rounding error can
     exceed the flat prior. Then each gets a share of its own size, far below what its rows show.
     """

@@ -22,6 +22,7 @@ from cellctl.calibration.problem.measured_region import OUTSIDE, MeasuredRegion
 from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows.row_blocks import RowBlocks
 from cellctl.calibration.solver.estimate import Estimate, triangle_at_start
+from cellctl.calibration.verdict.distribution_free import DistributionFreeBound
 from cellctl.calibration.verdict.heldout import held_out_rows, nominal_errors
 from cellctl.calibration.verdict.judgement import Baseline, ErrorFigures, HeldOut, Verdict, judge
 from cellctl.calibration.verdict.proof import Split, doubts, sigma_doubts
@@ -36,7 +37,7 @@ INLIERS_FOUND, TERMS_CHOSEN, IDENTIFIED = 0.1, 0.5, 0.8
 """Shares of the work of `auto` that are done after each stage. Measured on 100, 1000 and 12 000 positions: 0.09 … 0.16,
 0.41 … 0.59 and 0.58 … 0.93. They matter until a first identification has shown its own."""
 
-_PARTLY_SHOWN = "these rows do not show the whole error of the TCP, and the model lacks something"
+_PARTLY_SHOWN = "rows at fixed points do not show the whole error of the TCP"
 _GAPS = "most combinations of these joint angles were not measured"
 
 
@@ -88,6 +89,7 @@ class FitResult:
     test_p_values: Floats
     reliability: Reliability
     region: MeasuredRegion
+    distribution_free: DistributionFreeBound
     ladder: tuple[Step, ...] = ()
     prior: ErrorFigures | None = None
     prior_errors: Floats | None = None
@@ -137,6 +139,7 @@ class FitResult:
             "predicted_volumetric_rms": _stated(self.predicted_volumetric_rms),
             "scatter_mm": self.region.scatter_mm,
             "model_error_scale": self.region.model_error_scale,
+            "distribution_free": self.distribution_free.summary(),
             "predicted_over": self.predicted_over,
             "verdict": self.verdict,
             "verdict_reason": self.verdict_reason,
@@ -216,7 +219,7 @@ def fit(task: Task, split: Split, progress: Progress = silent, folds: FoldFits |
         held_out,
         doubts(task, split, final_one),
         sigma_doubts(task, final_one),
-        sigma_open=_PARTLY_SHOWN if whole.reliability.region.model_error_scale > 1.0 else "",
+        sigma_open="" if task.rows.pick(predicted).of_instrument.any() else _PARTLY_SHOWN,
         beat_prior=not (task.registers_only or (not task.is_partial_update and place is not None and place.moved)),
     )
     own_parameters = informed(final_one.identified)
@@ -250,6 +253,7 @@ def fit(task: Task, split: Split, progress: Progress = silent, folds: FoldFits |
         ladder=whole.ladder,
         reliability=whole.reliability,
         region=region,
+        distribution_free=DistributionFreeBound.of(task, final_one, region),
         prior=None if prior is None else ErrorFigures.of(prior),
         prior_errors=prior,
         against=judgement.against,

@@ -8,7 +8,7 @@ from typing import Any, Literal, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.distributions import binomial_cdf, t_ppf
+from cellctl.calibration.distributions import binomial_cdf, chi2_ppf, t_ppf
 from cellctl.calibration.identification.outliers import OUTLYING
 from cellctl.kinematics import Bools, Floats
 
@@ -236,19 +236,19 @@ def _predicted(rows: HeldOut, found: float) -> bool:
 def _most_error_over_sigma(rows: HeldOut) -> float:
     """Upper 95 % bound of the RMS of error over predicted σ; infinite for fewer than two postures.
 
-    From the mean of the squared ratios and their own scatter (t quantile), repeats of a posture as one: errors of a
-    model are not normal, and those of one posture not independent. 20 clean rows of three numbers: 1.15; 10 touches:
-    1.35.
+    The larger of two bounds on the mean of the squared ratios: by their own scatter (t quantile), as errors of a model
+    are not normal, and by χ² with one degree of freedom for each posture, exact for touches, as few squares are skew.
+    Repeats of a posture count as one. Errors of the predicted size pass from about 15 postures on.
     """
     ratio = rows.identified**2 / np.maximum(rows.variance, NOTHING_MM**2)
     if rows.posture is not None:
         _, which, repeats = np.unique(rows.posture, return_inverse=True, return_counts=True)
         ratio = np.bincount(which.ravel(), ratio) / repeats
-    count = ratio.size * rows.count / max(rows.identified.size, 1)
+    count, mean = ratio.size * rows.count / max(rows.identified.size, 1), float(ratio.mean())
     if ratio.size < 2 or count < 2.0:
         return float("inf")
-    bound = float(ratio.mean()) + float(t_ppf(0.95, count - 1.0)) * float(ratio.std(ddof=1)) / float(np.sqrt(count))
-    return float(np.sqrt(bound))
+    by_scatter = mean + float(t_ppf(0.95, count - 1.0)) * float(ratio.std(ddof=1)) / float(np.sqrt(count))
+    return float(np.sqrt(max(by_scatter, mean * count / float(chi2_ppf(0.05, count)))))
 
 
 def paired_verdict(nominal: Floats, identified: Floats, *, count: float | None = None, posture: Any = None) -> Verdict:

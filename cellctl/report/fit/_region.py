@@ -70,6 +70,20 @@ def figures(region: RegionSigma) -> tuple[dict[str, float], dict[str, float]]:
     return rms, {name: float(sigma.max()) for name, sigma in sigmas.items()}
 
 
+def bound_in_words(story: FitStory) -> str:
+    """The distribution-free bound of a new row's error, bin by bin, or why it is not known."""
+    bound = story.result.distribution_free
+    what = "distance along the normal" if bound.along_normal else "place"
+    if not bound.bins:
+        return f"Bound of the {what} of a new row without an assumed distribution: not known ({bound.unknown})."
+    sizes = [
+        f"{'not known' if np.isnan(mm) else f'{mm:.3f} mm'} where σ of the row is up to {each.sigma_to:.3f} mm"
+        for each, mm in zip(bound.bins, bound.typical_mm, strict=True)
+    ]
+    guarantee = f"CV+, {100.0 * bound.guarantee:.0f} % at least"
+    return f"Bound of the {what} of a new row without an assumed distribution ({guarantee}): {', '.join(sizes)}."
+
+
 def curves(story: FitStory, region: RegionSigma) -> list[tuple[Floats, Floats]]:
     """Of each joint: its readings (S,), deg, and σ of points among themselves there, mm, the other joints varied."""
     joints, found = story.robot.joint_map(), [along_joint(story, region, joint) for joint in range(region.model.n)]

@@ -14,7 +14,7 @@ from cellctl.report.figures import fit_lines, percent, reasons, with_sigma
 from cellctl.report.fit import _parameters as listed_parameters
 from cellctl.report.fit._advice import advice, candidates, hints
 from cellctl.report.fit._parameters import coefficients, correlation, groups, held
-from cellctl.report.fit._region import RegionSigma, curves, figures
+from cellctl.report.fit._region import RegionSigma, bound_in_words, curves, figures
 from cellctl.report.fit._story import FitStory
 from cellctl.report.fit.residuals import Residuals, listed, residuals_of
 
@@ -142,6 +142,7 @@ def identification_rows(story: FitStory) -> tuple[ResidualsRow, IdentificationRo
         hints=(*hints(story), *skipped),
         advice=advice(story, region, blocks) if region else None,
         left_out=tuple(_left_out(story)),
+        distribution_free=bound_in_words(story),
     )
 
 

@@ -160,6 +160,7 @@ def region(rows: Residuals, found: IdentificationRow) -> Section | None:
         },
         "pictures": pictures.region_pictures(curves, readings, found.joints),
         "region": list(ends),
+        "bound": found.distribution_free,
     }
 
 
