@@ -1,10 +1,15 @@
 """95 % regions are wider where held-out rows of the fit are too often outside them, and nowhere else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cellctl.calibration import PositionRows, Split, Task, fit
+from cellctl.calibration import PositionRows, Split, Task, fit, prediction_sigma
 from cellctl.formats import nominal_model
+from tests.helpers.honesty import fitted as fit_of
+from tests.helpers.simulated_setups import positions, sph
+from tests.helpers.unmodelled import TUNING
 
 SIGMA, FIT, HELD_OUT = 0.02, 900, 1000
 LOW, HIGH = np.array([-90, -110, 40, -170, -100, -170.0]), np.array([90, -30, 120, 170, 100, 170.0])
@@ -49,3 +54,21 @@ def test_a_noise_that_is_larger_by_one_factor_is_found_as_such_and_not_raised_ag
     result = fitted(rng, np.full(FIT + HELD_OUT, 3.0))
     assert result.reliability.tails == 1.0
     np.testing.assert_allclose(result.identification.noise, 3.0, rtol=0.1)
+
+
+def test_touches_that_show_a_model_error_enlarge_every_sigma_and_positions_do_not():
+    """1.2: of robots whose effects tuned σ, touches state 0.88 of the error (decision 67)."""
+    lacking = TUNING["these three"](1000)
+    touched, clean, seen = (
+        fit_of(sph(1000, besides=lacking)),
+        fit_of(sph(1000)),
+        fit_of(positions(1000, besides=lacking)),
+    )
+    assert [each.region.model_error_scale for each in (touched, clean, seen)] == [1.2, 1.0, 1.0]
+    best, q = touched.identification.identified, sph(1000).asked
+    model, robot = best.state.model, best.unknowns.robot
+    scaled, plain = (
+        prediction_sigma(model, best.covariance[:robot, :robot], q, region)
+        for region in (touched.region, replace(touched.region, model_error_scale=1.0))
+    )
+    np.testing.assert_allclose(scaled, 1.2 * plain)

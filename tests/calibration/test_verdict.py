@@ -194,7 +194,7 @@ def test_without_repeats_postures_change_nothing():
 def test_a_sigma_that_is_right_is_known_to_be_from_enough_rows_only():
     normal = np.abs(np.random.default_rng(67).normal(0.0, 0.1, (200, 40)))
     answers = [[judge(held_out(np.full(n, 1.0), row[:n], 0.1)).sigma_ok for row in normal] for n in (5, 40)]
-    assert answers[0].count(True) < 40
+    assert answers[0].count(None) > 100
     assert answers[1].count(True) > 170
 
 

@@ -9,7 +9,8 @@ from cellctl.calibration import MeasuredRegion, PoseRows, PositionRows, SocketRo
 from cellctl.files import InputError
 from cellctl.formats import DataSet, RobotFile, measurements
 from cellctl.formats.measurements import ModelTerms, Spacing
-from cellctl.formats.model import JointRegion
+from cellctl.formats.model import JointRegion, ModelFile
+from tests.helpers.arms import kr5_model
 
 ROBOT = RobotFile.model_validate(
     {
@@ -135,3 +136,12 @@ def test_a_model_file_without_postures_doubts_by_the_square_of_the_distance_in_h
     sigma = MeasuredRegion(*region.bounds(joints), 2.0, region.coverage(joints)).sigma(joints.model(readings))
     np.testing.assert_allclose(sigma, [0.0, 0.0, 0.5, 2.0, 2.0 * math.hypot(0.25, 0.25)])
     assert region.inside(readings).tolist() == [True, True, False, False, False]
+
+
+def test_the_factor_for_a_model_error_that_touches_do_not_show_is_in_the_file_and_in_sigma():
+    plain = kr5_model()
+    scaled = ModelFile.model_validate({**plain.model_dump(), "model_error_scale": 1.5})
+    readings = np.array([[0.0, -70.0, 80.0, 0.0, 60.0, 0.0]])
+    np.testing.assert_allclose(scaled.sigma(readings), 1.5 * plain.sigma(readings))
+    assert "model_error_scale" in scaled.text()
+    assert "model_error_scale" not in plain.text()

@@ -180,7 +180,8 @@ def effects_that_the_model_lacks(rows: list[Row]) -> list[str]:
     ]
     groups: dict[tuple[str, str], list[Honesty]] = {}
     for (what, name), some in cases(rows, "lacks").items():
-        groups.setdefault((name, "tuning, four kinds" if what in TUNING else what), []).extend(some)
+        kinds = "four kinds that tuned σ" if what in TUNING else what if what == ALL_EFFECTS else "one of the three"
+        groups.setdefault((name, kinds), []).extend(some)
     for (name, what), all_of in sorted(groups.items(), key=lambda group: [*SETUPS].index(group[0][0])):
         ratios = np.array([_stated_over_found([one]) for one in all_of])
         inside = np.mean([one.place_nees <= chi2.ppf(0.95, 3) for one in all_of])
