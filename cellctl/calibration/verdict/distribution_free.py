@@ -139,7 +139,7 @@ class DistributionFreeBound:
 
     def _extra(self, q: Floats) -> Floats:
         """1 σ (N,) on each axis, mm, that the region adds at q (N, n), rad."""
-        return self.region.sigma(q) / np.sqrt(3.0)
+        return np.asarray(self.region.sigma(q) / np.sqrt(3.0))
 
     def _sigma(self, rows: Measured) -> Floats:
         """Predicted σ (N,), mm, of the distances of new rows."""
