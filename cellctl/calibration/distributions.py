@@ -7,6 +7,8 @@ degrees of freedom; `p`: a probability. Every function takes arrays, which broad
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
@@ -71,3 +73,51 @@ def maxwell_cdf(x: ArrayLike) -> Floats:
 def binomial_cdf(count: ArrayLike, trials: ArrayLike, p: float) -> Floats:
     """Binomial: the probability of `count` or fewer of `trials`."""
     return np.asarray(special.bdtr(np.asarray(count, float), np.asarray(trials, int), p))
+
+
+def weighted_chi2_ppf(p: float, weights: ArrayLike) -> float:
+    """Σ λᵢ zᵢ², zᵢ independent standard normal, λᵢ ≥ 0 the `weights` (K,): the p quantile, 0 < p < 1; 0 if all are 0.
+
+    By a saddlepoint formula: the probability of a larger value is right to 0.002 at p = 0.95, to 0.014 at 0.5.
+    """
+    largest = float(np.max(weights, initial=0.0))
+    if largest <= 0.0:
+        return 0.0
+    shares = np.asarray(weights, float) / largest
+    shares = shares[shares > _NEGLIGIBLE]
+    at = _root(lambda t: (1.0 - p) - _beyond(t, shares))
+    return largest * _saddlepoint(at, shares)[0]
+
+
+_NEGLIGIBLE = 1e-9
+"""Weights below this share of the largest are left out: a million of them would change the sum by a thousandth."""
+
+_MIDDLE = 1e-3
+"""Nearer to the mean (|w| below this) Lugannani and Rice's formula loses its digits, and its limit there is used."""
+
+
+def _root(function: Callable[[float], float]) -> float:
+    from scipy.optimize import brentq  # at first use: it takes 0.2 s
+
+    return float(brentq(function, -60.0, 30.0, xtol=1e-10))
+
+
+def _saddlepoint(t: float, weights: Floats) -> tuple[float, Floats]:
+    """x = K'(s), and 1 − 2 s λ (K,), for s = (1 − e⁻ᵗ)/2 < 1/(2 max λ), max λ = 1. K(s) = −½ Σ log(1 − 2 s λ) is the
+    cumulant generating function.
+    """
+    factors = (1.0 - weights) + weights * np.exp(-t)
+    return float(np.sum(weights / factors)), factors
+
+
+def _beyond(t: float, weights: Floats) -> float:
+    """P(Q > x) at the saddlepoint: Φ̄(w + log(v/w)/w), w = sign(s) √(2 (s x − K)), v = s √K″ (Lugannani and Rice 1980
+    in Barndorff-Nielsen's form; Kuonen 1999, Saddlepoint approximations for distributions of quadratic forms in normal
+    variables, Biometrika 86, 929–935). At the mean its limit is Φ̄(K‴/(6 K″^1.5)).
+    """
+    s, (x, factors) = -0.5 * float(np.expm1(-t)), _saddlepoint(t, weights)
+    second, third = 2.0 * np.sum((weights / factors) ** 2), 8.0 * np.sum((weights / factors) ** 3)
+    w = np.sign(s) * np.sqrt(2.0 * max(s * x + 0.5 * np.sum(np.log(factors)), 0.0))
+    if abs(w) < _MIDDLE:
+        return float(normal_sf(w + third / (6.0 * second**1.5)))
+    return float(normal_sf(w + np.log(s * np.sqrt(second) / w) / w))
