@@ -11,9 +11,11 @@ from pydantic import TypeAdapter, ValidationError
 from cellctl.files import canonical_json
 
 __all__ = [
+    "ENDED",
     "AnyRow",
     "ArtefactRow",
     "BadRow",
+    "BatchRow",
     "ComputingTimesRow",
     "Figures",
     "IdentificationRow",
@@ -166,6 +168,59 @@ class Figures:
     max: float | None
 
 
+ENDED = {
+    "goal": "the goal is met",
+    "rows": "the most that are allowed are used",
+    "time": "the time is used",
+    "gain": "the next batch would gain too little",
+}
+"""In words: what ended a campaign in batches, by `BatchRow.ended`."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class BatchRow(Row):
+    """What is known after a batch of measurements, which `noun` names. rows: of the fit so far; of `most`.
+
+    low_mm, median_mm, high_mm: 5 %, 50 % and 95 % quantile of the predicted volumetric error (3-D RMS) over the joint
+    ranges of the held-out rows, for the `goal_mm`. next_mm: the 95 % quantile after the next batch, to_goal: number of
+    rows until the goal; None where no batch was planned, or the rows that are left do not get there. seconds: of the
+    measurements so far, on the cell's clock, without pauses. doubt: why the prediction cannot be trusted, in words.
+    ended: what ended the campaign (`cellctl.planning.stopping.End`), empty where the next batch followed.
+    """
+
+    KIND: ClassVar[str] = "batch"
+    noun: str
+    rows: int
+    most: int
+    goal_mm: float
+    low_mm: float
+    median_mm: float
+    high_mm: float
+    next_mm: float | None
+    to_goal: int | None
+    seconds: float
+    model: str
+    doubt: str = ""
+    ended: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """For the operator: the prediction, and what follows from it."""
+        known = (
+            f"{self.rows} {self.noun}: volumetric error {self.median_mm:.3f} mm in the median, below "
+            f"{self.high_mm:.3f} mm with 95 % (goal {self.goal_mm:g})"
+        )
+        doubt = f"; not to be trusted yet: {self.doubt}" if self.doubt else ""
+        return f"{known}{doubt}; {ENDED[self.ended] if self.ended else self._to_go()}"
+
+    def _to_go(self) -> str:
+        if self.to_goal is not None:
+            return f"about {self.to_goal} more for the goal"
+        after = f", {self.next_mm:.3f} mm after the next batch" if self.next_mm else ""
+        return f"by what is known now the {self.most - self.rows} that may follow are too few for the goal{after}"
+
+
 PASSED = frozenset({"better", "agree", "in control", "baseline", "measured"})
 """Verdicts with which a run ends well. The last three are of a check of a robot, which compares with no model."""
 
@@ -175,8 +230,9 @@ class VerdictRow(Row):
     """The result of a campaign. Each kind of campaign derives its own row with the fields of its result's section.
 
     SECTION: the names of these fields, in the order in which the result shows them. verdict: `better`, `no better` or
-    `worse`, or a check's own word. sentence: for the operator; lines: shown below it. before, after: measured errors.
-    model: the report of the fit, as `cellctl fit --json` prints it.
+    `worse`, or a check's own word; `not met`: better, and the goal that was asked for is not met. sentence: for the
+    operator; lines: shown below it. before, after: measured errors. model: the report of the fit, as `cellctl fit
+    --json` prints it.
     """
 
     KIND: ClassVar[str] = "verdict"
@@ -191,8 +247,8 @@ class VerdictRow(Row):
 
     @property
     def better(self) -> bool:
-        """Whether the verdict is `better`."""
-        return self.verdict == "better"
+        """Whether the robot is better than nominal, with or without its goal."""
+        return self.verdict in ("better", "not met")
 
     @property
     def passed(self) -> bool:

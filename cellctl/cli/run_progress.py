@@ -235,6 +235,7 @@ _STYLES = {
     "not known": "bold yellow",
     "disagree": "bold red",
     "no better": "bold yellow",
+    "not met": "bold yellow",
     "measure again": "bold yellow",
     "worse": "bold red",
     "recalibrate": "bold red",

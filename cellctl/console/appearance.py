@@ -185,6 +185,7 @@ _VERDICTS: dict[str, State] = {
     "measured": "good",
     "baseline": "off",
     "no better": "warning",
+    "not met": "warning",
     "measure again": "warning",
     "worse": "bad",
     "recalibrate": "bad",

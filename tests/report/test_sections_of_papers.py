@@ -2,13 +2,14 @@
 
 import asyncio
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cellctl.files import parse_yaml
 from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of
-from cellctl.records import ComputingTimesRow, Row
+from cellctl.records import BatchRow, ComputingTimesRow, Row
 from cellctl.report import Run, report_text
 from procedures.reports.tracker.methods import Workspace
 from procedures.steps.sphere.converging import convergence
@@ -66,6 +67,30 @@ def test_the_section_of_one_sphere_has_our_figures_beside_the_published_ones(mak
 
 def test_without_its_row_a_run_has_no_such_section(make_run, campaign):
     assert 'id="sphere-convergence"' not in report_text(make_run(campaign))
+
+
+def test_the_section_of_batches_has_the_curve_and_what_became_of_the_goal(make_run, campaign):
+    one = BatchRow(
+        noun="touches",
+        rows=35,
+        most=150,
+        goal_mm=0.1,
+        low_mm=0.081,
+        median_mm=0.132,
+        high_mm=0.213,
+        next_mm=0.154,
+        to_goal=22,
+        seconds=480.0,
+        model="geometry",
+    )
+    last = replace(one, rows=55, low_mm=0.031, median_mm=0.052, high_mm=0.093, next_mm=None, to_goal=None, ended="goal")
+    text = report_text(make_run(campaign, rows=[(row.KIND, row.data()) for row in (one, last)]))
+    section = text.partition('<section id="batches">')[2].partition("</section>")[0]
+    assert "<svg" in section
+    page = Page(section).text
+    assert "55 touches: volumetric error 0.052 mm in the median, below 0.093 mm with 95 % (goal 0.1)" in page
+    assert all(value in page for value in ("0.081", "0.132", "0.213", "0.154", "22", "8.0"))
+    assert 'id="batches"' not in report_text(make_run(campaign))
 
 
 def test_one_pass_of_each_method_leaves_micrometres_and_takes_a_time(compared):

@@ -1,4 +1,4 @@
-"""The two live charts of a run: residual by point, and the predicted σ; their series, options and drawing."""
+"""The live charts of a run: residual by point, predicted σ, error after each batch; series, options, drawing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cellctl.console.scene.view import CSS
 from cellctl.files import InputError
 from cellctl.journal import RunState
 from cellctl.kinematics import Floats
-from cellctl.records import IdentificationRow
+from cellctl.records import BatchRow, IdentificationRow
 
 NOMINAL, IDENTIFIED = ROBOTS
 
@@ -72,11 +72,12 @@ class Line:
 @final
 @dataclass(frozen=True, eq=False)
 class Series:
-    """What the two charts show, mm. measured: points so far.
+    """What the charts show, mm. measured: points so far.
 
     residuals: by robot and by use of the points. sigmas: predicted 1 σ of targets, in the order of measurement, and
     errors: the residual found at the same targets. levels: name and value of each σ over the joints of the fit.
-    residual_note, sigma_note: what is not known yet or is preliminary; empty if nothing.
+    residual_note, sigma_note: what is not known yet or is preliminary; empty if nothing. batches: of a campaign that
+    ends at a goal.
     """
 
     measured: int = 0
@@ -86,6 +87,12 @@ class Series:
     levels: tuple[tuple[str, float], ...] = ()
     residual_note: str = ""
     sigma_note: str = ""
+    batches: tuple[BatchRow, ...] = ()
+
+    @property
+    def batch_note(self) -> str:
+        """What is known after the last batch; empty without."""
+        return self.batches[-1].sentence if self.batches else ""
 
 
 def series_of(state: RunState, points: Sequence[Points] | None = None) -> Series:
@@ -110,6 +117,7 @@ def series_of(state: RunState, points: Sequence[Points] | None = None) -> Series
         levels=levels,
         residual_note=_residual_note(residuals, identified=bool(levels)),
         sigma_note=_sigma_note(levels, targets),
+        batches=_batches(state),
     )
 
 
@@ -158,6 +166,13 @@ def _levels(state: RunState) -> tuple[tuple[str, float], ...]:
     return tuple((name, float(values["among"])) for name, values in known if "among" in values)
 
 
+def _batches(state: RunState) -> tuple[BatchRow, ...]:
+    try:
+        return tuple(state.recorded(BatchRow))
+    except InputError:
+        return ()
+
+
 def _residual_note(residuals: Sequence[Line], *, identified: bool) -> str:
     if not residuals:
         return "No residual is known yet: it needs some measured points."
@@ -193,6 +208,33 @@ def sigma_options(series: Series) -> Options:
         ),
     ]
     return _options(shown, "measured point, in order", "1 σ, mm", series.sigma_note if not shown else "")
+
+
+def batch_options(series: Series) -> Options:
+    """Quantiles of the predicted volumetric error over the rows of the fit, and the goal."""
+    names = (("95 %", "high_mm", "solid"), ("median", "median_mm", "dashed"), ("5 %", "low_mm", "dashed"))
+    rows = series.batches
+    shown = [
+        _curve(name, [(row.rows, getattr(row, field)) for row in rows], _IDENTIFIED, dash)
+        for name, field, dash in names
+    ]
+    if rows:
+        goal = rows[-1].goal_mm
+        ends = [(0, goal), (max(rows[-1].rows, 2), goal)]
+        shown.append(_curve(f"goal: {goal:g} mm", ends, _NOMINAL, "solid", symbol="none"))
+    return _options(shown, f"{rows[-1].noun if rows else 'rows'} of the fit", "volumetric error, mm", "")
+
+
+def _curve(name: str, points: Sequence[Pair], colour: str, dash: str, symbol: str = "circle") -> Options:
+    return {
+        "type": "line",
+        "name": name,
+        "data": [[int(x), round(max(y, LEAST_MM), 4)] for x, y in points],
+        "symbol": symbol,
+        "lineStyle": {"color": colour, "width": 1.5, "type": dash},
+        "itemStyle": {"color": colour},
+        "animation": False,
+    }
 
 
 def _look(line: Line) -> tuple[str, str]:
@@ -309,12 +351,13 @@ def _words(text: str) -> Options:
 
 @final
 class ChartsView:
-    """Both charts on a page. `update` sends the points that changed; a whole chart only with its first points."""
+    """The charts on a page. `update` sends the points that changed; a whole chart only with its first points."""
 
     def __init__(self, series: Series) -> None:
         ui.add_css(CSS)
         ui.add_head_html(f"<script>{_SCRIPT}</script>")
-        with ui.element("div").classes("charts-view"):
+        self._batches: _Chart | None = None
+        with ui.element("div").classes("charts-view") as self._place:
             self._residuals = _Chart("Residual by point", residual_options, series)
             self._sigmas = _Chart("Predicted σ of the compensated robot", sigma_options, series)
         self.update(series)
@@ -323,10 +366,15 @@ class ChartsView:
         """Show `series`."""
         self._residuals.show(series, series.residual_note)
         self._sigmas.show(series, series.sigma_note)
+        if series.batches and self._batches is None:
+            with self._place:
+                self._batches = _Chart("Predicted volumetric error", batch_options, series)
+        if self._batches is not None:
+            self._batches.show(series, series.batch_note)
 
 
 def charts_view(series: Series) -> ChartsView:
-    """Both charts of `series`, at this place of the page."""
+    """The charts of `series`, at this place of the page."""
     return ChartsView(series)
 
 

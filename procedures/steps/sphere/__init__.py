@@ -12,6 +12,7 @@ from procedures.steps.sphere.plan_inputs import (
 
 STEPS = (
     StepDescription("sphere.plan", ".touching", "planning touches", PlanInputs, touches_planned),
+    StepDescription("sphere.next_batch", ".batches", "planning the next touches"),
     StepDescription("sphere.touch", ".touching", "touching spheres"),
     StepDescription("sphere.identify", ".touching", "identifying the robot"),
     StepDescription("sphere.convergence", ".converging", "following the identification"),

@@ -25,8 +25,9 @@ from cellctl.procedure import StepContext
 from cellctl.records import Figures, TableStateRow
 from cellctl.report.fit import FitStory, identification_rows
 from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
+from procedures.steps.sphere._goal import goal_figures, goal_of, unmet, with_goal
 from procedures.steps.sphere.checked_touches import checked_words
-from procedures.steps.sphere.reference_touches import drift_figures, drift_of
+from procedures.steps.sphere.reference_touches import drift_figures, drift_of, touch_sigma_mm
 from procedures.steps.sphere.rows import (
     HeldOutFigures,
     SphereVerdict,
@@ -37,30 +38,29 @@ from procedures.steps.sphere.rows import (
 )
 
 
-def identify_touches(context: StepContext, model: ModelChoice, use_distances: bool) -> Found | WrongSetup:
-    """Identify the robot from the touches, unless they show a set-up error.
+def identify_touches(
+    context: StepContext, model: ModelChoice, use_distances: bool, goal_mm: float = 0.0
+) -> Found | WrongSetup:
+    """Identify the robot from the touches, unless they show a set-up error. goal_mm: of the campaign, 0: none.
 
     Raises InputError if they do not allow an identification.
     """
     robot = RobotFile.load(context.robot_file)
     artefact = artefact_of(context.cell, ("artefact",))
     touches, drift = context.recorded(TouchRow), drift_of(context)
-    choice = _Choice(robot, artefact, model, use_distances)
-    measured = _measured(touches, choice, None)
-    if wrong := wrong_setup(context, measured, f"--artefact {context.cell.file}"):
+    choice = TouchModel(robot, artefact, model, use_distances)
+    if wrong := wrong_setup(context, _measured(touches, choice, None), f"--artefact {context.cell.file}"):
         return wrong
-    found = _fitted(measured)
-    corrected = _fitted(_measured(touches, choice, drift)) if drift.significant else found
-    modelled = corrected.result.fit.rms < found.result.fit.rms  # else the drift is not that of the tip
-    found = corrected if modelled else found
+    found, modelled = fitted_touches(touches, choice, drift)
     report, stops = fit_report(found.measured, found.result), _stops(robot, touches)
+    goal = goal_figures(context, found.result, touch_sigma_mm(robot)) if goal_mm else None
     verdict = SphereVerdict(
-        verdict=report["verdict"],
-        sentence=report["sentence"],
+        verdict=with_goal(report["verdict"], goal),
+        sentence=report["sentence"] + unmet(goal),
         before=Figures(**report["nominal"]),
         after=Figures(**report["test"]),
-        model=report,
-        lines=(stops.line(), _checked_words(touches, choice)),
+        model={**report, **({"goal": asdict(goal)} if goal else {})},
+        lines=(*([goal.sentence] if goal else []), stops.line(), _checked_words(touches, choice)),
         stops=stops,
         drift=drift_figures(drift, max(row.number for row in touches) + 1, modelled=modelled),
         noise_scale=float(found.result.identification.noise[0]),
@@ -73,8 +73,8 @@ def identify_touches(context: StepContext, model: ModelChoice, use_distances: bo
 
 @final
 @dataclass(frozen=True, slots=True)
-class _Choice:
-    """The identification task and its inputs."""
+class TouchModel:
+    """What is identified from touches: robot, artefact, model, and whether its certified distances are used."""
 
     robot: RobotFile
     artefact: Artefact
@@ -84,7 +84,7 @@ class _Choice:
 
 @final
 @dataclass(frozen=True, slots=True)
-class _Fitted:
+class FittedTouches:
     """The touches as a data set and as measurements, the held-out ones, and the fit's result."""
 
     data: DataSet
@@ -93,13 +93,23 @@ class _Fitted:
     result: FitResult
 
 
-def _fitted(measured: Measurements) -> _Fitted:
+def fitted_touches(touches: Sequence[TouchRow], choice: TouchModel, drift: Drift) -> tuple[FittedTouches, bool]:
+    """The fit of the touches, corrected for a significant drift of the tip where they agree better then; whether they
+    do: else it is not that of the tip.
+    """
+    found = _fitted(_measured(touches, choice, None))
+    corrected = _fitted(_measured(touches, choice, drift)) if drift.significant else found
+    modelled = corrected.result.fit.rms < found.result.fit.rms
+    return (corrected if modelled else found), modelled
+
+
+def _fitted(measured: Measurements) -> FittedTouches:
     """The fit of the touches that the column `set` assigns to it."""
     split = held_out_split(measured)
-    return _Fitted(measured.data, measured, split, fit(measured.task, split))
+    return FittedTouches(measured.data, measured, split, fit(measured.task, split))
 
 
-def _measured(touches: Sequence[TouchRow], choice: _Choice, drift: Drift | None) -> Measurements:
+def _measured(touches: Sequence[TouchRow], choice: TouchModel, drift: Drift | None) -> Measurements:
     """The touches as measurements, with their reach corrected for `drift` if given."""
     data = DataSet.of_records([_record(row, choice.artefact, drift) for row in touches], "dataset.csv")
     return measurements(
@@ -131,7 +141,7 @@ def _record(row: TouchRow, artefact: Artefact, drift: Drift | None) -> dict[str,
     }
 
 
-def _checked_words(touches: Sequence[TouchRow], choice: _Choice) -> str:
+def _checked_words(touches: Sequence[TouchRow], choice: TouchModel) -> str:
     fit = [row for row in touches if row.set == "fit"]
     readings, spheres = np.array([row.joints for row in fit]), [row.sphere for row in fit]
     return checked_words(choice.robot, choice.artefact, spheres, readings, choice.use_distances)
@@ -174,11 +184,11 @@ def verdict_of(context: StepContext) -> SphereVerdict:
         predicted_sigma=_rms([row.sigma_mm for row in pair[1]]),
         found_sigma=_rms([row.error_mm - row.expected_mm for row in pair[1]]),
     )
-    tables, verdict = context.recorded(TableStateRow), paired_verdict(*errors)
+    tables, verdict, goal = context.recorded(TableStateRow), paired_verdict(*errors), goal_of(held_out)
     return replace(
         held_out,
-        verdict=verdict,
-        sentence=_sentence(verdict, standoff, rows_for_better(*errors)),
+        verdict=with_goal(verdict, goal),
+        sentence=_sentence(verdict, standoff, rows_for_better(*errors)) + unmet(goal),
         lines=(held_out.sentence, *held_out.lines),
         before=before,
         after=after,

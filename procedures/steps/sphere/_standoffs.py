@@ -20,7 +20,7 @@ from cellctl.planning import PlannedTouch
 from cellctl.procedure import StepContext
 from procedures.steps.contact_search import FoundContact
 from procedures.steps.sphere.plan_inputs import CompensateInputs
-from procedures.steps.sphere.planning import as_plan, standoff_lines
+from procedures.steps.sphere.planning import as_plan, as_touch, standoff_lines
 from procedures.steps.sphere.reference_touches import drift_of, last_number, touch_sigma_mm
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, StandOffRow, TouchRow
 from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
@@ -60,7 +60,7 @@ def standoffs_and_table(context: StepContext, inputs: CompensateInputs) -> Prepa
     sphere = _located(context, model, inputs.sphere)
     x, y, z = sphere.nominal.centre.tolist()
     half = inputs.reference_every // 2  # each target is two stand-offs
-    again = _reference(inputs.reference)
+    again = as_touch(inputs.reference)
     lines = standoff_lines(context, inputs.sphere, (x, y, z), inputs.targets, inputs.distance_mm, half, again)
     targets = [line for line in lines if not line.reference]
     found, inside = _compensated(context, model, sphere, targets)
@@ -89,13 +89,6 @@ def _drifted(context: StepContext, numbers: ArrayLike) -> Floats:
     """Change of the tip's reach at touch `numbers` (N,), mm; 0 unless the fit modelled it."""
     drift = context.recorded(SphereVerdict)[-1].drift
     return drift_of(context).at(numbers) if drift.modelled else np.zeros(np.shape(numbers))
-
-
-def _reference(plan: TouchPlan) -> PlannedTouch:
-    approach, retreat = (tuple(tuple(q) for q in way) for way in (plan.approach, plan.retreat))
-    return PlannedTouch(
-        plan.sphere, tuple(plan.origin), approach, tuple(plan.start), tuple(plan.end), plan.search_mm, retreat
-    )
 
 
 def _compensated(

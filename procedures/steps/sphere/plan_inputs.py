@@ -28,6 +28,9 @@ class PlanInputs(StepInputs):
 
     `reference_every`: touches between two visits to the first touch, 0 for none. `prove_on`: the later proof
     sphere of the model, which must not be among those of the fit. `use_distances`: of the later fit.
+
+    With a goal (`goal_mm` > 0) there are `first` touches of the fit and half of the held-out ones, then batches of
+    `batch` touches of the fit, up to `most` in all; `fit` and `choice` do not count.
     """
 
     fit: Annotated[int, Field(ge=5)]
@@ -37,6 +40,25 @@ class PlanInputs(StepInputs):
     prove_on: str = ""
     choice: Choice = "even"
     use_distances: bool = True
+    goal_mm: Annotated[float, Field(ge=0)] = 0.0
+    first: Annotated[int, Field(ge=5)] = 35
+    batch: Annotated[int, Field(ge=1)] = 10
+    most: Annotated[int, Field(ge=5)] = 150
+
+    @property
+    def at_first(self) -> int:
+        """Touches of the fit that are planned before any is made."""
+        return self.first if self.goal_mm else self.fit
+
+    @property
+    def held_out_at_first(self) -> int:
+        """Held-out touches among them; with a goal the others come after the last batch."""
+        return self.held_out - self.held_out // 2 if self.goal_mm else self.held_out
+
+    @property
+    def batches(self) -> int:
+        """Batches at most, and one pass more: the end is stated after the last batch."""
+        return 1 + -(-(self.most - self.first) // self.batch) if self.goal_mm else 0
 
     @property
     def names(self) -> list[str]:
@@ -49,14 +71,17 @@ class PlanInputs(StepInputs):
             used = "all spheres" if not self.names else "it"
             raise ValueError(f"sphere {self.prove_on} cannot prove a model that is made from {used}: name another one")
         least = TOUCHES_PER_SPHERE * len(self.names)
-        if self.held_out and self.fit < least:
-            raise ValueError(f"{self.fit} touches are too few to judge a model by others, {least} at least")
+        if self.held_out and self.at_first < least:
+            raise ValueError(f"{self.at_first} touches are too few to judge a model by others, {least} at least")
+        if self.goal_mm and self.most < self.first:
+            raise ValueError(f"{self.most} touches at most are fewer than the first {self.first}: allow more")
         return self
 
 
 def touches_planned(known: Mapping[str, Any]) -> int:
     """Touches, and returns to the first one."""
-    touches, every = known.get("fit", 0) + known.get("held_out", 0), known.get("reference_every", 0)
+    count = known.get("most" if known.get("goal_mm") else "fit", 0)
+    touches, every = count + known.get("held_out", 0), known.get("reference_every", 0)
     return int(touches + (touches // every if every else 0))
 
 

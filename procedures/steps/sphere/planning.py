@@ -26,7 +26,7 @@ from cellctl.planning.touches import spheres_of
 from cellctl.planning.ways import Obstacles, Reach
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.sphere.checked_touches import checked_words
-from procedures.steps.sphere.plan_inputs import Choice
+from procedures.steps.sphere.plan_inputs import Choice, PlanInputs
 from procedures.steps.sphere.reference_touches import last_number
 from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow
 from procedures.steps.sphere.touch_choice import TouchChoice
@@ -56,10 +56,10 @@ def planned_touches(
     never) follows a return to the first. Raises InputError if the cell has no such sphere, or too few touches are in
     reach.
     """
-    spheres = _named(context, names)
+    spheres = spheres_named(context, names)
     if choice == "optimal":
         return _best_touches(context, fit, held_out, spheres, reference_every, use_distances)
-    counts = dict(zip(spheres, _even(fit + held_out, len(spheres)), strict=True))
+    counts = dict(zip(spheres, even_counts(fit + held_out, len(spheres)), strict=True))
     touches = plan_on(context, counts, context.seed, reference_every=reference_every)
     sets = _sets(touches, spheres, held_out, context.seed)
     return [as_plan(number, touch, of) for number, (touch, of) in enumerate(zip(touches, sets, strict=True))]
@@ -71,11 +71,11 @@ def _best_touches(
     """Held-out touches as ever, apart from the choice; those of the fit the best of many candidates."""
     artefact = artefact_of(context.cell, ("artefact",))
     names = tuple(sphere.id for sphere in artefact.spheres)
-    more = dict(zip(spheres, _even(max(CANDIDATES, CANDIDATES_EACH * fit), len(spheres)), strict=True))
+    more = dict(zip(spheres, even_counts(max(CANDIDATES, CANDIDATES_EACH * fit), len(spheres)), strict=True))
     choose = TouchChoice(RobotFile.load(context.robot_file), artefact, names, fit, use_distances)
     touches = plan_on(
         context,
-        dict(zip(spheres, _even(held_out, len(spheres))[::-1], strict=True)),
+        dict(zip(spheres, even_counts(held_out, len(spheres))[::-1], strict=True)),
         context.seed,
         reference_every=reference_every,
         best=BestTouches(tuple(more.get(name, 0) for name in names), choose),
@@ -146,10 +146,11 @@ def check_plan(context: CellContext, known: Mapping[str, Any], names: Sequence[s
     """Raise InputError if the touches for `sphere.plan` cannot be planned."""
     wanted = {"fit", "held_out", "reference_every", "choice", "use_distances"}
     if wanted <= known.keys():
-        fit, held_out, every = known["fit"], known["held_out"], known["reference_every"]
-        planned_touches(context, fit, held_out, names, every, known["choice"], known["use_distances"])
+        asked, every = PlanInputs(**known), known["reference_every"]
+        choice: Choice = "optimal" if asked.goal_mm else asked.choice
+        planned_touches(context, asked.at_first, asked.held_out_at_first, names, every, choice, asked.use_distances)
     else:
-        _named(context, names)
+        spheres_named(context, names)
 
 
 def check_on_sphere(
@@ -161,7 +162,7 @@ def check_on_sphere(
     """
     if sphere is None:
         return
-    _named(context, [sphere])
+    spheres_named(context, [sphere])
     if count is not None:
         plan_on(context, {sphere: count}, context.seed, options=options)
 
@@ -188,7 +189,7 @@ def sphere_called(context: CellContext, artefact: Artefact, name: str) -> Sphere
     return sphere
 
 
-def _named(context: CellContext, names: Sequence[str]) -> list[str]:
+def spheres_named(context: CellContext, names: Sequence[str]) -> list[str]:
     """The spheres called `names`, or all if none is named. Raises InputError if one does not exist."""
     artefact = artefact_of(context.cell, ("artefact",))
     return [sphere_called(context, artefact, name).id for name in names] or [each.id for each in artefact.spheres]
@@ -215,6 +216,14 @@ def as_plan(number: int, touch: PlannedTouch, of: TouchSet, repeats: int = 0) ->
     )
 
 
+def as_touch(plan: TouchPlan) -> PlannedTouch:
+    """The planned touch of `as_plan`, to be made again."""
+    approach, retreat = (tuple(tuple(q) for q in way) for way in (plan.approach, plan.retreat))
+    return PlannedTouch(
+        plan.sphere, tuple(plan.origin), approach, tuple(plan.start), tuple(plan.end), plan.search_mm, retreat
+    )
+
+
 def spheres_around(context: CellContext) -> Obstacles | None:
     """The cell's spheres at their rough places, with stems and plate; None for a cell without spheres."""
     if "artefact" not in context.cell.data:
@@ -237,7 +246,8 @@ def target_of(artefact: Artefact, sphere: Sphere, centres: dict[str, tuple[float
     return SphereTarget(sphere.id, centres.get(sphere.id, (x, y, z)), sphere.diameter / 2 + artefact.tip_radius)
 
 
-def _even(total: int, parts: int) -> list[int]:
+def even_counts(total: int, parts: int) -> list[int]:
+    """`total` in so many parts, the first ones larger by 1 where they are not equal."""
     return [total // parts + (index < total % parts) for index in range(parts)]
 
 
@@ -245,7 +255,7 @@ def _sets(touches: list[PlannedTouch], spheres: list[str], held_out: int, seed: 
     """`test` for `held_out` of the touches, evenly over the spheres, at random within each; `fit` for the others."""
     random = np.random.default_rng([seed, 0x7E57])
     sets: list[TouchSet] = ["fit"] * len(touches)
-    for sphere, count in zip(spheres, _even(held_out, len(spheres))[::-1], strict=True):
+    for sphere, count in zip(spheres, even_counts(held_out, len(spheres))[::-1], strict=True):
         on_it = [index for index, touch in enumerate(touches) if touch.sphere == sphere and not touch.reference]
         for index in random.permutation(on_it)[:count]:
             sets[index] = "test"

@@ -21,9 +21,10 @@ from procedures.steps.sphere.touch_plans import Joints, TouchPlan
 
 
 class Plan(StepResult):
-    """All touches, in order."""
+    """All touches, in order; with a goal those before the first batch, and the numbers of the batches at most."""
 
     touches: list[TouchPlan]
+    batches: list[int]
 
 
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
@@ -37,20 +38,19 @@ async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
     touches = await context.clock.compute(
         planned_touches,
         context,
-        inputs.fit,
-        inputs.held_out,
+        inputs.at_first,
+        inputs.held_out_at_first,
         inputs.names,
         inputs.reference_every,
-        inputs.choice,
+        "optimal" if inputs.goal_mm else inputs.choice,
         inputs.use_distances,
     )
-    context.say(
-        f"planned {inputs.fit + inputs.held_out} touches: {inputs.fit} to identify from, {inputs.held_out} held out"
-    )
+    count, held_out = inputs.at_first, inputs.held_out_at_first
+    context.say(f"planned {count + held_out} touches: {count} to identify from, {held_out} held out")
     context.say(await context.clock.compute(checked, context, touches, inputs.use_distances))
     if assumed := assumption(context):
         context.say(assumed)
-    return Plan(touches=touches)
+    return Plan(touches=touches, batches=list(range(inputs.batches)))
 
 
 class TouchInputs(StepInputs):
@@ -113,14 +113,15 @@ def _look_for_jump(context: StepContext, row: ReferenceRow) -> None:
 
 
 class IdentifyInputs(StepInputs):
-    """Which model, and whether the certified spacings of the spheres are used."""
+    """Which model, and whether the certified spacings of the spheres are used. goal_mm: of the campaign, 0: none."""
 
     model: Literal["auto", "geometry"] = "auto"
     use_distances: bool = True
+    goal_mm: Annotated[float, Field(ge=0)] = 0.0
 
 
 @step("sphere.identify", verdict=SphereVerdict)
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the touches, say how good it was and is on the held-out ones, write data and model."""
-    found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances)
+    found = await context.clock.compute(identify_touches, context, inputs.model, inputs.use_distances, inputs.goal_mm)
     return await write_and_record(context, found)

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellctl.console.scene.charts import IDENTIFIED, NOMINAL, changes, residual_options, series_of, sigma_options
+from cellctl.console.scene.charts import (
+    IDENTIFIED,
+    NOMINAL,
+    batch_options,
+    changes,
+    residual_options,
+    series_of,
+    sigma_options,
+)
 from tests.helpers.journals import SEARCH, MadeJournal, residuals_row, touch_run
 
 
@@ -63,6 +71,25 @@ def test_what_is_not_known_yet_is_stated() -> None:
 def test_the_note_of_an_empty_chart_is_on_the_chart() -> None:
     options = sigma_options(series_of(touch_run(30, 30).state()))
     assert options["graphic"][0]["style"]["text"] == "σ is not known yet: the identification predicts it."
+
+
+def batch(rows: int, high_mm: float, ended: str = "") -> dict[str, object]:
+    quantiles = {"low_mm": high_mm / 3.0, "median_mm": high_mm / 2.0, "high_mm": high_mm, "next_mm": 0.9 * high_mm}
+    numbers = {"rows": rows, "most": 150, "goal_mm": 0.1, "to_goal": 20, "seconds": 300.0}
+    return {"noun": "touches", "model": "geometry", "doubt": "", "ended": ended, **quantiles, **numbers}
+
+
+def test_a_campaign_with_a_goal_has_a_curve_of_the_predicted_error() -> None:
+    run = touch_run(8, 8)
+    assert series_of(run.state()).batches == ()
+    run.row("batch", batch(35, 0.2))
+    run.row("batch", batch(45, 0.09, "goal"))
+    series = series_of(run.state())
+    shown = {each["name"]: each["data"] for each in batch_options(series)["series"]}
+    assert shown["95 %"] == [[35, 0.2], [45, 0.09]]
+    assert shown["median"] == [[35, 0.1], [45, 0.045]]
+    assert shown["goal: 0.1 mm"] == [[0, 0.1], [45, 0.1]]
+    assert series.batch_note.endswith("the goal is met")
 
 
 def test_a_new_point_changes_only_itself_on_the_chart() -> None:
