@@ -72,7 +72,7 @@ def fit(
         _joined(free) if free is not None else None,
         _path(prior_of_type),
     )
-    judging = Judging(holdout, folds, column, by, seed)
+    judging = Judging(holdout, None if folds is None else int(folds), column, by, int(seed))
     asked.refuse(judging)
 
     given = _given(robot, data, asked, prior)
@@ -142,7 +142,7 @@ def compare(
     Raises InputError as `fit` does, where no row is held out, and where a model cannot be fitted to these rows.
     """
     asked = Asked(measure, "auto", _path(artefact), distances, _listed(spacing), _joined(own), None, None)
-    judging = Judging(holdout, folds, column, by, seed)
+    judging = Judging(holdout, None if folds is None else int(folds), column, by, int(seed))
     asked.refuse(judging)
     given = _given(robot, data, asked, None)
     return Comparison(compare_fits(given, asked, judging, _listed(models), _shown(progress), check=check), given)

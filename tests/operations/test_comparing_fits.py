@@ -63,7 +63,7 @@ def test_one_held_out_row_has_no_interval(files):
 
 REFUSED = {
     ("--compare", "geometry", "--out", "m.json"): "a comparison writes no model",
-    ("--compare", "geometry", "--model", "zeros"): "does not go with --model, --prior or --free",
+    ("--compare", "geometry", "--model", "zeros"): "does not go with --model, --prior, --prior-of-type or --free",
     ("--compare", "nothing"): "'nothing' is not known",
 }
 
