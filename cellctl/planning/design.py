@@ -144,8 +144,16 @@ class Design:
         return other.gains()
 
     def rises(self, rows: Sequence[int]) -> Floats:
-        """Share (K,) by which the RMS error over the task rises without one of `rows`, all measured: `volume`."""
-        spread, crossed = (part[list(rows)].astype(float) for part in (self._spread, self._crossed))
+        """Share (K,) by which the RMS error over the task rises without one of `rows`, all measured: `volume`.
+
+        0 where the task has no extent (one posture): rigid motion removed, nothing is predicted.
+        """
+        if self.variance <= 0.0:
+            return np.zeros(len(rows))
+        # anew, in double precision: I − aCaᵀ of a row that no other checks is below what single precision keeps
+        a = self._candidates[list(rows)].astype(float)
+        carried = a @ self.covariance
+        spread, crossed = carried @ np.swapaxes(a, 1, 2), carried @ self._towards
         more = _trace_of_quotient(np.eye(spread.shape[1]) - spread, crossed)
         return np.asarray(np.sqrt(1.0 + more / self.variance) - 1.0)
 

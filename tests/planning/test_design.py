@@ -196,3 +196,14 @@ def identified_error(seed: int, targets: TargetSet, judges: TargetSet) -> float:
     u, _, vt = np.linalg.svd((found - middle[1]).T @ (places - middle[0]))
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return float(np.sqrt(np.mean(np.sum(((found - middle[1]) @ turn - (places - middle[0])) ** 2, axis=1))))
+
+
+def test_a_row_that_no_other_checks_has_a_rise_and_a_task_of_one_place_has_none():
+    """A leverage of 1 to seven digits, as a fit of few touches has it: single precision would divide by 0."""
+    alone = np.full((2, 1, 1), 3e4)
+    rows = np.concatenate([np.pad(alone[:1], ((0, 0), (0, 0), (0, 1))), np.pad(alone[1:], ((0, 0), (0, 0), (1, 0)))])
+    found = chosen_rows(np.eye(2), rows, np.eye(3, 2), 2)
+    np.testing.assert_allclose(found.leverage, 1.0, atol=1e-6)
+    # without one of them its parameter has its prior's variance again: (1 + 1/9e8) against 2/9e8
+    np.testing.assert_allclose(found.rises, np.sqrt((1 + 1 / 9e8) / (2 / 9e8)) - 1, rtol=1e-3)
+    assert not chosen_rows(np.eye(2), rows, np.zeros((3, 2)), 2).rises.any()
