@@ -14,7 +14,8 @@ from cellctl.files import load_yaml
 from cellctl.formats import ModelFile
 from cellctl.kinematics import Floats
 from cellctl.procedure import StepRegistry
-from procedures.steps.sphere._known import Task, contact
+from procedures.steps.batches import Task
+from procedures.steps.sphere._known import contact
 from procedures.steps.sphere.planning import even_counts, plan_on
 from procedures.steps.sphere.reference_touches import reference_row
 from procedures.steps.sphere.rows import TouchRow

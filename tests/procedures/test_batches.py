@@ -13,7 +13,7 @@ import pytest
 
 from cellctl.formats import ModelFile
 from cellctl.records import ENDED, BatchRow
-from procedures.steps.sphere._goal import goal_figures, goal_of, unmet, with_goal
+from procedures.steps.goal import goal_figures, goal_of, unmet, with_goal
 from procedures.steps.sphere.plan_inputs import PlanInputs, touches_planned
 from procedures.steps.sphere.rows import SphereVerdict, TouchRow
 from tests.helpers.steps import VERDICT, Context
@@ -138,8 +138,9 @@ def goal(row: BatchRow, found: Any) -> Any:
     return goal_figures(Context(rows=[row]), found, 0.017)  # type: ignore[arg-type]
 
 
-def test_a_goal_is_met_where_held_out_touches_agree() -> None:
-    found = goal(BATCH, result(np.full(30, 0.03)))
+@pytest.mark.parametrize("sigma_ok", [True, None])
+def test_a_goal_is_met_where_held_out_touches_agree(sigma_ok: bool | None) -> None:
+    found = goal(BATCH, result(np.full(30, 0.03), sigma_ok))
     assert found.met
     assert with_goal("better", found) == "better"
     assert unmet(found) == ""

@@ -24,8 +24,8 @@ from cellctl.formats.measurements import ModelChoice
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, TableStateRow
 from cellctl.report.fit import FitStory, identification_rows
+from procedures.steps.goal import goal_figures, goal_of, unmet, with_goal
 from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
-from procedures.steps.sphere._goal import goal_figures, goal_of, unmet, with_goal
 from procedures.steps.sphere.checked_touches import checked_words
 from procedures.steps.sphere.reference_touches import drift_figures, drift_of, touch_sigma_mm
 from procedures.steps.sphere.rows import (

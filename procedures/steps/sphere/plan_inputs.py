@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
 from cellctl.procedure import StepInputs
+from procedures.steps.batch_inputs import BatchPlanInputs
 from procedures.steps.sphere.touch_plans import TouchPlan
 
 TOUCHES_PER_SPHERE = 6
@@ -23,42 +24,19 @@ Choice: TypeAlias = Literal["even", "optimal"]
 """How the touches of the fit are chosen: spread evenly, or by the least predicted error."""
 
 
-class PlanInputs(StepInputs):
+class PlanInputs(BatchPlanInputs):
     """Number of touches, spheres (names separated by commas; empty: all), and frequency of returns to the first.
 
     `reference_every`: touches between two visits to the first touch, 0 for none. `prove_on`: the later proof
     sphere of the model, which must not be among those of the fit. `use_distances`: of the later fit.
-
-    With a goal (`goal_mm` > 0) there are `first` touches of the fit and half of the held-out ones, then batches of
-    `batch` touches of the fit, up to `most` in all; `fit` and `choice` do not count.
     """
 
-    fit: Annotated[int, Field(ge=5)]
-    held_out: Annotated[int, Field(ge=0)]
+    NOUN: ClassVar[str] = "touches"
     spheres: str = ""
     reference_every: Annotated[int, Field(ge=0)] = 0
     prove_on: str = ""
     choice: Choice = "even"
     use_distances: bool = True
-    goal_mm: Annotated[float, Field(ge=0)] = 0.0
-    first: Annotated[int, Field(ge=5)] = 35
-    batch: Annotated[int, Field(ge=1)] = 10
-    most: Annotated[int, Field(ge=5)] = 150
-
-    @property
-    def at_first(self) -> int:
-        """Touches of the fit that are planned before any is made."""
-        return self.first if self.goal_mm else self.fit
-
-    @property
-    def held_out_at_first(self) -> int:
-        """Held-out touches among them; with a goal the others come after the last batch."""
-        return self.held_out - self.held_out // 2 if self.goal_mm else self.held_out
-
-    @property
-    def batches(self) -> int:
-        """Batches at most, and one pass more: the end is stated after the last batch."""
-        return 1 + -(-(self.most - self.first) // self.batch) if self.goal_mm else 0
 
     @property
     def names(self) -> list[str]:
@@ -73,8 +51,6 @@ class PlanInputs(StepInputs):
         least = TOUCHES_PER_SPHERE * len(self.names)
         if self.held_out and self.at_first < least:
             raise ValueError(f"{self.at_first} touches are too few to judge a model by others, {least} at least")
-        if self.goal_mm and self.most < self.first:
-            raise ValueError(f"{self.most} touches at most are fewer than the first {self.first}: allow more")
         return self
 
 
