@@ -20,6 +20,7 @@ STEPS = (
     StepDescription("tracker.plan_turns", "._locating", "planning the circles", TurnInputs, turns_planned),
     StepDescription("tracker.frames", "._locating", "finding the frames"),
     StepDescription("tracker.plan", ".posing", "planning poses", PlanInputs, poses_planned),
+    StepDescription("tracker.next_round", ".batches", "planning the next poses"),
     StepDescription("tracker.plan_targets", ".posing", "planning the targets", PlanTargetsInputs, targets_planned),
     StepDescription("tracker.measure", ".measuring", "measuring poses"),
     StepDescription("tracker.measure_compensated", ".measuring", "measuring compensated targets"),

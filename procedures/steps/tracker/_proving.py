@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from cellctl.devices import (
     CellReadings,
@@ -17,8 +17,6 @@ from cellctl.devices import (
     PointSource,
     TableStore,
 )
-from cellctl.files import InputError
-from cellctl.formats.measurements import ModelChoice, ModelTerms
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged, Pushed, PushInputs
@@ -28,7 +26,7 @@ from procedures.steps.tracker.identification import identify_poses, registered_m
 from procedures.steps.tracker.measuring import NEAR_SHARE, Measured, MeasureInputs, NotSettled, measure_pose
 from procedures.steps.tracker.model_files import check_model, correction_file, read_model_of
 from procedures.steps.tracker.plan_inputs import DEFAULT_METHOD
-from procedures.steps.tracker.pose_plans import Round, check_method
+from procedures.steps.tracker.pose_plans import ModelInputs, Round, check_method
 from procedures.steps.tracker.rows import (
     CORRECTION_FILE,
     MODEL_FILE,
@@ -41,26 +39,18 @@ from procedures.steps.tracker.rows import (
 from procedures.steps.tracker.target_table import compensated_rounds
 
 
-class IdentifyInputs(StepInputs):
-    """Which model, as in `cellctl fit --model`."""
+class IdentifyInputs(ModelInputs):
+    """goal_mm: of the campaign, 0: none."""
 
-    model: ModelChoice = "auto"
-
-    @field_validator("model")
-    @classmethod
-    def _known(cls, model: str) -> str:
-        try:
-            ModelTerms.parse(model)
-        except InputError as error:
-            [problem] = error.problems
-            raise ValueError(f"{problem.what}: {problem.cure}") from error
-        return model
+    goal_mm: Annotated[float, Field(ge=0)] = 0.0
 
 
 @step("tracker.identify", verdict=TrackerVerdict)
 async def identify(context: StepContext, inputs: IdentifyInputs) -> Judged:
     """Identify the robot from the poses, state how good it was and is on the held-out ones, write data and model."""
-    return await write_and_record(context, await context.clock.compute(identify_poses, context, inputs.model))
+    return await write_and_record(
+        context, await context.clock.compute(identify_poses, context, inputs.model, inputs.goal_mm)
+    )
 
 
 class ReadModelInputs(StepInputs):

@@ -14,6 +14,7 @@ from cellctl.kinematics import Bools, Floats
 from cellctl.metrology.error_figures import ErrorIntervals
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Rows, TableStateRow
+from procedures.steps.goal import goal_of, unmet, with_goal
 from procedures.steps.tracker.reflectors import points_of
 from procedures.steps.tracker.rows import (
     ON_LINE,
@@ -90,11 +91,11 @@ def verdict_of(context: StepContext, manner: str = BY_TABLE) -> tuple[TrackerVer
         **_sureness(errors),
     )
     tables, verdict, made = context.recorded(TableStateRow), paired_verdict(*errors), context.recorded(TargetsRow)[-1]
-    left_out = (*_left_out_before(context), *_left_out(made))
+    left_out, goal = (*_left_out_before(context), *_left_out(made)), goal_of(held_out)
     found = replace(
         held_out,
-        verdict=verdict,
-        sentence=_sentence(verdict, errors, rolled_back=manner == BY_TABLE),
+        verdict=with_goal(verdict, goal),
+        sentence=_sentence(verdict, errors, rolled_back=manner == BY_TABLE) + unmet(goal),
         lines=(*_lines(held_out, figures, _how(manner, made), len(left_out)), *held_out.lines),
         method=made.method if manner == BY_TABLE else ON_LINE,
         left_out=left_out,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -21,6 +21,7 @@ from cellctl.kinematics import Floats, inverse_pose
 from cellctl.procedure import StepContext
 from cellctl.records import Figures
 from cellctl.report.fit import FitStory, identification_rows
+from procedures.steps.goal import goal_figures, unmet, with_goal
 from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
 from procedures.steps.tracker.reflectors import measured_place, measured_pose, plate_of
 from procedures.steps.tracker.rows import (
@@ -78,8 +79,8 @@ def _means(measured: Measurements, state: State, which: Indices) -> tuple[tuple[
     return tuple(np.abs(six[:, :3]).mean(axis=0).tolist()), float(angle)
 
 
-def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSetup:
-    """Identify the robot from the poses, unless they show a set-up error.
+def identify_poses(context: StepContext, model: ModelChoice, goal_mm: float = 0.0) -> Found | WrongSetup:
+    """Identify the robot from the poses, unless they show a set-up error. goal_mm: of the campaign, 0: none.
 
     Poses that were measured while the station moved belong to no session and are left out. Raises InputError if the
     rest does not allow an identification.
@@ -97,7 +98,22 @@ def identify_poses(context: StepContext, model: ModelChoice) -> Found | WrongSet
     file = ModelFile.of(measured.robot, measured, result, provenance(context, data.text()))
     six = [six_row(measured, result, split)] if measure == "pose" else []
     rows = (*identification_rows(story), *six)
-    return Found(data.text(), file.text(), fit_verdict(context, measured, result, report, ambiguous), rows)
+    verdict = fit_verdict(context, measured, result, report, ambiguous)
+    if goal_mm and (goal := goal_figures(context, result, _axis_sigma_mm(measured), axes=3)):
+        verdict = replace(
+            verdict,
+            verdict=with_goal(verdict.verdict, goal),
+            sentence=verdict.sentence + unmet(goal),
+            lines=(goal.sentence, *verdict.lines),
+            model={**report, "goal": asdict(goal)},
+        )
+    return Found(data.text(), file.text(), verdict, rows)
+
+
+def _axis_sigma_mm(measured: Measurements) -> float:
+    """Stated 1 σ of a measured place along an axis, RMS."""
+    sigma = np.concatenate([block.sigma[:, :3] for block in measured.task.rows.blocks])
+    return float(np.sqrt(np.mean(sigma**2)))
 
 
 def fit_verdict(
@@ -134,27 +150,34 @@ def kind_of(data: DataSet) -> Kind:
 
 def pose_data(context: StepContext) -> tuple[DataSet, int]:
     """The poses as a data set, and how many were left out for lack of a session. Raises InputError if none is left."""
+    rows = context.recorded(PoseRow)
+    records = pose_records(context, rows)
+    return DataSet.of_records(records, "dataset.csv"), len(rows) - len(records)
+
+
+def pose_records(context: StepContext, poses: Sequence[PoseRow]) -> list[dict[str, Any]]:
+    """The rows of the data set, of those poses that have a session. Raises InputError if none has."""
     sessions, payload_kg = Sessions.of(context), context.recorded(SetUpRow)[-1].payload_kg
     repeatability = RobotFile.load(context.robot_file).repeatability
-    rows = [(row, sessions.session(row.visit)) for row in context.recorded(PoseRow)]
+    rows = [(row, sessions.session(row.visit)) for row in poses]
     plate = plate_of(context)
     places = measured_place if plate is None else partial(measured_pose, plate)
     records = [_record(row, session, payload_kg, places(row, repeatability)) for row, session in rows if session]
     if not records:
         what = "no pose has a session: the station moved in every round"
         raise InputError(context.cell.problem(("station",), what, "stand the instrument firmly, then begin anew"))
-    return DataSet.of_records(records, "dataset.csv"), len(rows) - len(records)
+    return records
 
 
 def _record(row: PoseRow, session: str, payload_kg: float, place: dict[str, float]) -> dict[str, Any]:
     """A pose as a row of the data set; joints in degrees. place: the columns of what was measured."""
     return {
-        **_numbered("A", row.joints),
+        **numbered("A", row.joints),
         **place,
-        **_numbered("D", row.direction),
+        **numbered("D", row.direction),
         **({"temperature": row.arm_c} if row.arm_c is not None else {}),
         **({"payload": payload_kg} if payload_kg else {}),
-        **(_numbered("I", row.currents.amperes) if row.currents else {}),
+        **(numbered("I", row.currents.amperes) if row.currents else {}),
         "session": session,
         "set": row.set,
         "time": row.point.time_ns * 1e-9,
@@ -164,7 +187,8 @@ def _record(row: PoseRow, session: str, payload_kg: float, place: dict[str, floa
     }
 
 
-def _numbered(letter: str, values: Sequence[float]) -> dict[str, float]:
+def numbered(letter: str, values: Sequence[float]) -> dict[str, float]:
+    """Columns of the data set, one for each axis."""
     return {f"{letter}{axis}": float(value) for axis, value in enumerate(values, 1)}
 
 

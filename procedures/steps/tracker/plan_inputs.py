@@ -3,36 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from cellctl.procedure import StepInputs
+from procedures.steps.batch_inputs import BatchPlanInputs
 
 DEFAULT_METHOD = "pseudo-target"
 """Of compensation."""
 
 
-class PlanInputs(StepInputs):
+class PlanInputs(BatchPlanInputs):
     """fit: poses to identify from; held_out: all that judge; monuments_every: poses between two visits to the nests.
 
     from_both: share of the fit's poses that are measured from both sides. reflectors: of the plate, all visible.
     pose_file: file of the poses, from the cell file's folder; empty: they are planned here. choice: of the poses of the
-    fit, spread evenly, or those of many that leave the least predicted error.
+    fit, spread evenly, or those of many that leave the least predicted error; with a goal always these.
     """
 
+    NOUN: ClassVar[str] = "poses"
     fit: Annotated[int, Field(ge=10, le=2000)]
     held_out: Annotated[int, Field(ge=0, le=1000)]
+    first: Annotated[int, Field(ge=10)] = 30
     monuments_every: Annotated[int, Field(ge=5)] = 30
     from_both: Annotated[float, Field(ge=0, le=1)] = 0.15
     reflectors: Annotated[int, Field(ge=1, le=8)] = 1
     pose_file: str = ""
     choice: Literal["even", "optimal"] = "even"
 
+    @property
+    def late(self) -> int:
+        """Held-out poses after all others of the plan; with a goal after the last batch, in a plan of their own."""
+        return 0 if self.goal_mm else self.held_out // 2
+
+    @model_validator(mode="after")
+    def _planned_here(self) -> Self:
+        if self.goal_mm and (self.pose_file or self.reflectors > 1):
+            raise ValueError("with a goal, poses of one reflector are planned here: no pose_file, no more reflectors")
+        return self
+
 
 def poses_planned(known: Mapping[str, Any]) -> int:
     """Poses, and the return pose of each round."""
-    poses = round(known.get("fit", 0) * (1.0 + known.get("from_both", 0.0)) + known.get("held_out", 0))
+    fit = known.get("most" if known.get("goal_mm") else "fit", 0)
+    poses = round(fit * (1.0 + known.get("from_both", 0.0)) + known.get("held_out", 0))
     return int(poses - (-poses // max(1, known.get("monuments_every", 1))))
 
 

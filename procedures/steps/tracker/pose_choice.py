@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cellctl.calibration import Task
 from cellctl.calibration.prediction.predict import POINTS
 from cellctl.formats import RobotFile, measurements
 from cellctl.formats.design_problem import candidate_rows, design_problem
@@ -31,26 +32,38 @@ def chosen_postures(
     """
     candidates = measuring_postures(arm, reach, max(CANDIDATES, CANDIDATES_EACH * fit), seed)
     chosen = candidates[best_postures(robot, candidates, fit, reflectors)]
+    return np.concatenate([chosen, postures_within(chosen, arm, reach, held_out, seed + 1)])
+
+
+def postures_within(chosen: Floats, arm: MeasuringArm, reach: Reach, count: int, seed: int) -> Floats:
+    """Other postures (count, n), deg, drawn within the joints of those that are chosen (N, n). Raises OutOfReach."""
+    if not count:
+        return chosen[:0]
     margin = reach.margin + arm.options.step
     low, high = chosen.min(axis=0) - margin, chosen.max(axis=0) + margin
     inside = replace(reach, minimum=tuple(low.tolist()), maximum=tuple(high.tolist()))
-    apart = measuring_postures(arm, inside, held_out, seed + 1) if held_out else candidates[:0]
-    return np.concatenate([chosen, apart])
+    return measuring_postures(arm, inside, count, seed)
 
 
 def best_postures(robot: RobotFile, candidates: Floats, count: int, reflectors: Floats) -> list[int]:
     """The `count` of candidate readings (M, n), deg, after whose measurement the robot's places are best known among
     each other, over the joints of all candidates. reflectors (M, 3), mm: one gives positions, three and more poses.
     """
-    tool = robot.tool.model_copy(update={"xyz": tuple(reflectors[0].tolist())})
-    seen, joints = robot.model_copy(update={"tool": tool}), robot.joint_map()
-    q = joints.model(candidates)
-    poses = seen.chain().forward(q)
-    sigma = float(np.hypot(SIGMA_MM, robot.repeatability / np.sqrt(3.0)))
-    columns = dict(zip("XYZ", poses[:, :3, 3].T.tolist(), strict=True)) | dict.fromkeys(SIGMAS, [sigma] * len(q))
-    if len(reflectors) >= 3:
-        columns |= dict(zip("ABC", abc_from_rotation(poses[:, :3, :3]).T.tolist(), strict=True))
-    problem = design_problem(measurements(seen, candidate_rows(candidates, columns)).task)
+    problem, q = design_problem(rows_at(robot, candidates, reflectors)), robot.joint_map().model(candidates)
     asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), POINTS, scramble=False))
     found = chosen_rows(problem.covariance, problem.candidates, asked, count, core=problem.core, most_rise=RISE)
     return list(found.rows)
+
+
+def rows_at(robot: RobotFile, readings: Floats, reflectors: Floats) -> Task:
+    """The fit of rows at readings (M, n), deg, as the nominal robot would show them. reflectors (K, 3): on the flange,
+    mm.
+    """
+    tool = robot.tool.model_copy(update={"xyz": tuple(reflectors[0].tolist())})
+    seen = robot.model_copy(update={"tool": tool})
+    poses = seen.chain().forward(robot.joint_map().model(readings))
+    sigma = float(np.hypot(SIGMA_MM, robot.repeatability / np.sqrt(3.0)))
+    columns = dict(zip("XYZ", poses[:, :3, 3].T.tolist(), strict=True)) | dict.fromkeys(SIGMAS, [sigma] * len(poses))
+    if len(reflectors) >= 3:
+        columns |= dict(zip("ABC", abc_from_rotation(poses[:, :3, :3]).T.tolist(), strict=True))
+    return measurements(seen, candidate_rows(readings, columns)).task

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -104,13 +105,18 @@ def planned_rounds(context: CellContext, inputs: PlanInputs, station: Floats | N
     return rounds_of(context, _poses(context, robot, inputs, station, home), home, inputs.monuments_every)
 
 
-def rounds_of(context: CellContext, poses: MeasuringPoses, home: Floats, monuments_every: int) -> list[Round]:
-    """Visits in rounds of `monuments_every`, each from the return pose and back to it; home (n,), deg."""
-    plans = _plans(context, poses, home)
+def rounds_of(
+    context: CellContext, poses: MeasuringPoses, home: Floats, monuments_every: int, number: int = 0
+) -> list[Round]:
+    """Visits in rounds of `monuments_every`, each from the return pose and back to it; home (n,), deg. number: of the
+    first visit.
+    """
+    plans = _plans(context, poses, home, number)
+    after = number + len(plans)
     rounds = [plans[first : first + monuments_every] for first in range(0, len(plans), monuments_every)]
     return [
-        Round(poses=_from_return_pose(context, each, home), back=_back(context, each, home, len(plans) + number))
-        for number, each in enumerate(rounds)
+        Round(poses=_from_return_pose(context, each, home), back=_back(context, each, home, after + place))
+        for place, each in enumerate(rounds)
     ]
 
 
@@ -141,49 +147,57 @@ def pose_limits(
     return reach, sight, options
 
 
-def pose_seed(context: CellContext) -> int:
-    """Of the poses that are drawn in a run."""
-    return int.from_bytes(sha256(f"{context.seed}/poses".encode()).digest()[:4])
+def pose_seed(context: CellContext, purpose: str = "poses") -> int:
+    """Of the poses that are drawn in a run for this purpose."""
+    return int.from_bytes(sha256(f"{context.seed}/{purpose}".encode()).digest()[:4])
+
+
+@contextmanager
+def enough_in_reach(context: CellContext) -> Iterator[None]:
+    """Raises InputError, with place and cure, where too few poses can be measured."""
+    try:
+        yield
+    except OutOfReach as error:
+        cure = "move the station, turn the reflector on the flange, or ask for fewer poses"
+        raise InputError(context.cell.problem(("reflectors", "on_flange"), str(error), cure)) from error
 
 
 def _poses(
     context: CellContext, robot: RobotFile, inputs: PlanInputs, station: Floats | None, home: Floats
 ) -> MeasuringPoses:
     reach, sight, options = pose_limits(context, inputs.reflectors, station)
-    counts = Counts(inputs.fit, inputs.held_out, inputs.held_out // 2, inputs.from_both)
+    fit, held_out = inputs.at_first, inputs.held_out_at_first
+    counts = Counts(fit, held_out, inputs.late, inputs.from_both)
     seed = pose_seed(context)
     chain, joints = robot.chain(), robot.joint_map()
     if inputs.pose_file:
         file = Path(context.cell.file).parent / inputs.pose_file
         arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
-        postures = GivenPoses.read(file, robot, arm, reach).first(inputs.fit, inputs.held_out)
+        postures = GivenPoses.read(file, robot, arm, reach).first(fit, held_out)
         return plan_given_poses(chain, joints, sight, counts, home, seed, postures, options)
-    try:
-        if inputs.choice == "optimal":
+    with enough_in_reach(context):
+        if inputs.goal_mm or inputs.choice == "optimal":
             arm = MeasuringArm(chain.with_base(np.eye(4)), joints, sight, home, options)
-            postures = chosen_postures(robot, arm, reach, inputs.fit, inputs.held_out, seed, sight.reflectors)
+            postures = chosen_postures(robot, arm, reach, fit, held_out, seed, sight.reflectors)
             return plan_given_poses(chain, joints, sight, counts, home, seed, postures, options)
         return plan_measuring_poses(chain, joints, reach, sight, counts, home, seed, options)
-    except OutOfReach as error:
-        cure = "move the station, turn the reflector on the flange, or ask for fewer poses"
-        raise InputError(context.cell.problem(("reflectors", "on_flange"), str(error), cure)) from error
 
 
-def _plans(context: CellContext, poses: MeasuringPoses, home: Floats) -> list[PosePlan]:
+def _plans(context: CellContext, poses: MeasuringPoses, home: Floats, first: int) -> list[PosePlan]:
     name = reflectors_of(context.cell).on_flange[0].id
     plans = []
-    for number in range(len(poses)):
-        origin = poses.readings[number - 1] if number else home
-        over = [rounded(home)] if poses.over_home[number] else []
+    for place in range(len(poses)):
+        origin = poses.readings[place - 1] if place else home
+        over = [rounded(home)] if poses.over_home[place] else []
         plans.append(
             PosePlan(
-                number=number,
-                kind="test" if poses.held_out[number] else "fit",
+                number=first + place,
+                kind="test" if poses.held_out[place] else "fit",
                 reflector=name,
                 origin=rounded(origin),
-                way=[*over, rounded(poses.approach[number])],
-                joints=rounded(poses.readings[number]),
-                direction=poses.side[number].tolist(),
+                way=[*over, rounded(poses.approach[place])],
+                joints=rounded(poses.readings[place]),
+                direction=poses.side[place].tolist(),
             )
         )
     return plans
@@ -298,11 +312,8 @@ class _Planner:
         return _Candidates(readings, names, [ours or theirs for ours, theirs in zip(reasons, found, strict=True)])
 
     def _drawn(self, count: int) -> Floats:
-        try:
+        with enough_in_reach(self.context):
             return measuring_postures(self.arm, self._inside(), count, pose_seed(self.context))
-        except OutOfReach as error:
-            cure = "move the station, turn the reflector on the flange, or ask for fewer poses"
-            raise InputError(self.context.cell.problem(("reflectors", "on_flange"), str(error), cure)) from error
 
     def _inside(self) -> Reach:
         """The joints of planned poses: inside the measured region of a model that was read."""

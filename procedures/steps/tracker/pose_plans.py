@@ -1,15 +1,18 @@
-"""Planned measurements of a reflector in rounds, as steps hand them on, and the method that compensates them."""
+"""Planned measurements of a reflector in rounds, as steps hand them on; the model that is identified from them, and the
+method that compensates them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from cellctl.compensation import METHODS
 from cellctl.files import InputError, Problem
-from cellctl.procedure import CellContext, StepResult
+from cellctl.formats.measurements import ModelChoice, ModelTerms
+from cellctl.procedure import CellContext, StepInputs, StepResult
 from cellctl.procedure.fields import did_you_mean
 from procedures.steps.tracker.plan_inputs import DEFAULT_METHOD
 
@@ -20,6 +23,22 @@ def check_method(context: CellContext, known: Mapping[str, Any]) -> None:
     if method not in METHODS:
         what = f"there is no compensation method '{method}'"
         raise InputError(Problem("--set method", 0, 0, what, did_you_mean(str(method), METHODS)))
+
+
+class ModelInputs(StepInputs):
+    """Which model, as in `cellctl fit --model`."""
+
+    model: ModelChoice = "auto"
+
+    @field_validator("model")
+    @classmethod
+    def _known(cls, model: str) -> str:
+        try:
+            ModelTerms.parse(model)
+        except InputError as error:
+            [problem] = error.problems
+            raise ValueError(f"{problem.what}: {problem.cure}") from error
+        return model
 
 
 Joints = Annotated[list[float], Field(min_length=1, max_length=20)]

@@ -19,23 +19,28 @@ class Plan(StepResult):
     rounds: list[Round]
 
 
+class BatchedPlan(Plan):
+    """With a goal the poses before the first batch, and the numbers of the batches at most."""
+
+    batches: list[int]
+
+
 def _check_plan(context: CellContext, known: Mapping[str, Any]) -> None:
     if {"fit", "held_out", "monuments_every", "from_both", "reflectors", "pose_file", "choice"} <= known.keys():
         planned_rounds(context, PlanInputs.model_validate(dict(known)), None)
 
 
 @step("tracker.plan", check=_check_plan, reads_files=True)
-async def plan(context: StepContext, inputs: PlanInputs) -> Plan:
+async def plan(context: StepContext, inputs: PlanInputs) -> BatchedPlan:
     """Plan quasi-random poses, the best of many, or those of a file: visible, clear of floor and arm, in random order,
     each approached from a stated side."""
     station = base_from_instrument(context)
     rounds = await context.clock.compute(planned_rounds, context, inputs, station)
     visits = sum(len(each.poses) for each in rounds)
-    twice = visits - inputs.fit - inputs.held_out
-    context.say(
-        f"planned {inputs.fit} poses to identify from ({twice} of them from both sides) and {inputs.held_out} held out"
-    )
-    return Plan(rounds=rounds)
+    count, held_out = inputs.at_first, inputs.held_out_at_first
+    twice = visits - count - held_out
+    context.say(f"planned {count} poses to identify from ({twice} of them from both sides) and {held_out} held out")
+    return BatchedPlan(rounds=rounds, batches=list(range(inputs.batches)))
 
 
 def _check_targets(context: CellContext, known: Mapping[str, Any]) -> None:
