@@ -76,8 +76,8 @@ def _after_batch(context: StepContext, inputs: NextRoundInputs) -> tuple[BatchRo
 def _times(context: StepContext, poses: Sequence[PoseRow]) -> list[int]:
     """Of all points since the first pose: poses, returns and nests."""
     first = min(row.point.time_ns for row in poses)
-    rows = (*poses, *context.recorded(ReturnRow), *context.recorded(NestRow))
-    return [row.point.time_ns for row in rows if row.point.time_ns >= first]
+    between = [row.point for row in context.recorded(ReturnRow)] + [row.point for row in context.recorded(NestRow)]
+    return [point.time_ns for point in (*(row.point for row in poses), *between) if point.time_ns >= first]
 
 
 @final
