@@ -166,6 +166,18 @@ def test_else_it_is_not_and_the_run_does_not_end_well(row: BatchRow, found: Any,
     assert with_goal("no better", figures) == "no better"
 
 
+@pytest.mark.parametrize(("error_mm", "met"), [(0.09, True), (0.15, False)])
+def test_a_place_counts_as_one_error_with_a_third_of_its_square_on_each_axis(error_mm: float, met: bool) -> None:
+    """30 places: s ≥ e / √3 · √(30 / χ²₃₀(0.95)), with 43.77 for the quantile; allowed: √(0.1² / 3 + 0.017²)."""
+    row = replace(BATCH, noun="poses")
+    found = goal_figures(Context(rows=[row]), result(np.full(30, error_mm)), 0.017, axes=3)  # type: ignore[arg-type]
+    assert found is not None
+    assert found.met is met
+    if not met:
+        at_least = error_mm * np.sqrt(30.0 / 43.77 / 3.0)
+        assert f"held-out poses are off by {at_least:.3f} mm at least, and it allows 0.060 mm" in found.why
+
+
 def vars_of(figures: Any) -> dict[str, Any]:
     return {name: getattr(figures, name) for name in figures.__dataclass_fields__}
 
