@@ -14,9 +14,8 @@ if TYPE_CHECKING:
 
 def sobol(dimensions: int, **settings: Any) -> Sobol:
     """A sampler of a Sobol' sequence; settings: of `scipy.stats.qmc.Sobol`."""
-    from scipy.stats import qmc  # at first use: scipy.stats takes 0.4 s
-
-    return qmc.Sobol(dimensions, **settings)
+    sampler: Sobol = _qmc().Sobol(dimensions, **settings)
+    return sampler
 
 
 def spread_over(lower: Floats, upper: Floats, count: int, **settings: Any) -> Floats:
@@ -34,6 +33,11 @@ def evenly(dimensions: int, count: int) -> Floats:
 
 def halton(dimensions: int, **settings: Any) -> Halton:
     """A sampler of a Halton sequence; settings: of `scipy.stats.qmc.Halton`."""
+    sampler: Halton = _qmc().Halton(dimensions, **settings)
+    return sampler
+
+
+def _qmc() -> Any:
     from scipy.stats import qmc  # at first use: scipy.stats takes 0.4 s
 
-    return qmc.Halton(dimensions, **settings)
+    return qmc

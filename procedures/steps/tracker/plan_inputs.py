@@ -25,7 +25,7 @@ class PlanInputs(BatchPlanInputs):
     NOUN: ClassVar[str] = "poses"
     fit: Annotated[int, Field(ge=10, le=2000)]
     held_out: Annotated[int, Field(ge=0, le=1000)]
-    first: Annotated[int, Field(ge=10)] = 30
+    first: Annotated[int, Field(ge=20)] = 30
     monuments_every: Annotated[int, Field(ge=5)] = 30
     from_both: Annotated[float, Field(ge=0, le=1)] = 0.15
     reflectors: Annotated[int, Field(ge=1, le=8)] = 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from itertools import pairwise, takewhile
 from pathlib import Path
@@ -12,8 +13,9 @@ import pytest
 
 from cellctl.engine import State
 from cellctl.files import load_yaml
+from cellctl.procedure import StepRegistry
 from cellctl.records import ENDED, BatchRow, Row
-from procedures.steps.tracker.batches import KnownPoses, NextRoundInputs, _after_batch
+from procedures.steps.tracker.batches import KnownPoses
 from procedures.steps.tracker.plan_inputs import PlanInputs, poses_planned
 from procedures.steps.tracker.pose_plans import Round
 from procedures.steps.tracker.rows import (
@@ -58,7 +60,9 @@ def rows_before_first_batch(run: FakeRun) -> Context:
 
 
 def decided(context: Context, **inputs: Any) -> tuple[BatchRow, list[Round]]:
-    return _after_batch(context, NextRoundInputs(**{**ASKED, **inputs}))  # type: ignore[arg-type]
+    kind = StepRegistry.installed().find("tracker.next_round")
+    found = asyncio.run(kind(context, kind.inputs(**{**ASKED, **inputs})))
+    return context.recorded(BatchRow)[-1], found.rounds
 
 
 def test_it_stops_at_its_goal_and_the_robot_is_better(stopped: FakeRun) -> None:
