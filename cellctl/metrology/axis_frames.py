@@ -245,8 +245,12 @@ def _sense(xyz: Floats, shape: _Shape, angles: ArrayLike | None) -> float:
     return 1.0 if float(turned @ np.sign(growth)) >= 0.0 else -1.0
 
 
-LEAST_DISTANCE_MM = 1.0
-"""Distance of A1 and A2 above which {B}'s x points from A1 to A2; below, it is the direction z1 × z2."""
+LEAST_DISTANCE_MM = 10.0
+"""Distance of A1 and A2 above which {B}'s x points from A1 to A2; below, it is the direction z1 × z2.
+
+Axes that meet by design (UR, iiwa) are some mm apart as built and as circles show them, to either side; those that do
+not meet are 25 mm apart or more in the library.
+"""
 
 _STEPS = np.array([*[1e-3] * 3, *[1e-6] * 3])
 """Steps of central differences by a place (mm) and by a direction."""

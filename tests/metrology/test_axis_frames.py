@@ -10,6 +10,7 @@ import pytest
 from cellctl.formats import RobotFile
 from cellctl.kinematics import inverse_pose, pose_from_xyz_abc
 from cellctl.metrology.axis_frames import (
+    Line,
     ParallelAxes,
     Turn,
     axes_of,
@@ -96,6 +97,14 @@ def test_an_error_of_the_nominal_robot_appears_as_bias_only_where_the_frame_uses
     assert unused.nees(STATION) < 4.0
     assert used.nees(STATION) > 20.0
     assert used.matrix[2, 3] - STATION[2, 3] == pytest.approx(-1.0, abs=5.0 * used.sigma[2])
+
+
+@pytest.mark.parametrize("apart_mm", [-3.0, 0.0, 3.0])
+def test_axes_that_meet_by_design_give_the_same_frame_to_whichever_side_they_miss(apart_mm):
+    up = Line(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    across = Line(np.array([0.0, 0.0, 180.0]), np.array([0.0, -1.0, 0.0]))
+    missed = Line(np.array([apart_mm, 0.0, 180.0]), across.direction)
+    assert np.allclose(base_frame(up, missed), base_frame(up, across), atol=1e-9)
 
 
 def test_parallel_axes_are_refused():
