@@ -14,7 +14,7 @@ from sims.simulator import Refused, Request, Setup
 from sims.ur._board import Board
 from sims.ur._kinematics import AXES, Model, calibrated_rows
 from sims.ur._messages import Messages
-from sims.ur._modes import JointMode, RobotMode, SafetyMode
+from sims.ur._modes import JointMode, RobotMode, RuntimeState, SafetyMode
 from sims.ur._motion import Limits, Motion
 from sims.ur._names import PROGRAM, SPEED
 from sims.ur._runtime import Runtime
@@ -200,6 +200,18 @@ class Controller:
         self._cancel()
         self.mode = RobotMode.RUNNING
         self.popup = ""
+        self.start_program()
+
+    def start_program(self) -> None:
+        """A person starts the cell's program anew; nothing without one, or without power. Raises Refused."""
+        program = self.setup.settings["program"]
+        if not program or not self.ready or self.runtime.state is RuntimeState.PLAYING:
+            return
+        self.runtime.stop()
+        if self.runtime.loaded != program and not self.runtime.load(program):
+            raise Refused(f"there is no program {program}: its script has to be in the folder `programs`")
+        if not self.runtime.play():
+            raise Refused(f"{program} does not start: {', '.join(self.messages.log[-1:])}")
 
     def reboot(self) -> None:
         """The controller goes down, and is back after a while with the arm off."""
@@ -281,8 +293,11 @@ class Controller:
         self.wake()
 
     def _by_hand(self, action: str) -> None:
+        if action == "start program":
+            self.start_program()
+            return
         if action not in ("remote control", "local control"):
-            raise Refused("the pendant has: remote control, local control")
+            raise Refused("the pendant has: remote control, local control, start program")
         self._remote = action == "remote control"
 
     def _boot(self) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 from sims.faults import MOVE
 from sims.simulator import FOR_MS, FaultKind, Setting, Setup, Simulator, Started
-from sims.ur._names import PROGRAM, SPEED
+from sims.ur._names import PROGRAM, QUERY, SPEED
 
 
 def _start(setup: Setup) -> Started:
@@ -17,7 +17,9 @@ def _start(setup: Setup) -> Started:
 
 def _address_errors(address: str) -> list[str]:
     parts = urlsplit(address)
-    return ["this address has a host and nothing else"] if parts.query or parts.path or not parts.hostname else []
+    if parts.path or not parts.hostname or not parse_qs(parts.query).keys() <= {*QUERY, "dashboard"}:
+        return [f"this address has a host, and nothing else but {', '.join(QUERY)} and dashboard"]
+    return []
 
 
 SIMULATOR = Simulator(
@@ -32,6 +34,7 @@ SIMULATOR = Simulator(
         Setting("lag_ms", "number", 4.0, 0.0, what="Of the joints at constant speed, times errors: servo."),
         Setting("probe_input", "whole", None, what="Digital input of the probe's wire, 0 to 17; without it none."),
         Setting("programs", "word", None, what="Folder whose NAME.script is the program NAME.urp."),
+        Setting("program", "word", None, what="NAME.urp that is loaded and played when the cell starts."),
     ),
     faults=(
         FaultKind("ur.drop", "RTDE packages to the hosts are lost", (FOR_MS,)),

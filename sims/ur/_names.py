@@ -4,3 +4,5 @@ from __future__ import annotations
 
 PROGRAM = "ur.program"
 SPEED = "ur.speed"
+QUERY = ("contact_input", "contact_level")
+"""Settings of an address that are the driver's alone."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from typing import final
-from urllib.parse import urlsplit
+from urllib.parse import parse_qsl, urlencode, urlsplit
 
-from sims.simulator import CannotStart, Setup
+from sims.simulator import CannotStart, Refused, Setup
 from sims.ur._controller import Controller
 from sims.ur._dashboard import Dashboard
 from sims.ur._functions import builtins_of
 from sims.ur._kinematics import NotThisArm
+from sims.ur._names import QUERY
 from sims.ur._ports import (
     DASHBOARD,
     PORTS,
@@ -64,7 +65,8 @@ class Servers:
         self.rtde = RtdeServer(controller)
         parts = urlsplit(setup.address)
         self.host, listeners = bound(parts.hostname or "")
-        self.address = f"{parts.scheme}://{self.host}"
+        settings = {name: value for name, value in parse_qsl(parts.query) if name in QUERY}
+        self.address = f"{parts.scheme}://{self.host}" + (f"?{urlencode(settings)}" if settings else "")
         self.requests = controller.requests
         wire = HostsWire(setup.wire)
         dashboard = Dashboard(controller)
@@ -81,6 +83,7 @@ class Servers:
         controller.on_cycle = self._cycle
         controller.on_reboot = self.close
         controller.on_booted = self._open
+        controller.start_program()
 
     def close(self) -> None:
         """Hang up, and let go of the ports."""
@@ -134,5 +137,5 @@ def start(setup: Setup) -> Servers:
     """Start the controller of the scene's arm. Raises CannotStart."""
     try:
         return Servers(setup, Controller(setup))
-    except (NotThisArm, OSError) as error:
+    except (NotThisArm, OSError, Refused) as error:
         raise CannotStart(str(error)) from None

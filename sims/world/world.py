@@ -80,9 +80,9 @@ class World:
         self._sag_mm = self._bending.sag_mm(self.payload)
         self._payload_place = self._place_of(self.payload)
         self._shown = Shown(robot, nominal)
-        self._wrist = vector(np.array(true.axes[-2:][0].point) - true.flange[:3, 3])
-        self._upper_arm = Arm(true.axes[:-3])
+        self._forearm = Arm(true.axes[:-2])
         self._elbow = true.axes[-3:][0].point
+        self._elbow_to_wrist = vector(np.array(true.axes[-2:][0].point) - self._elbow)
         self.spheres: list[TrueSphere] = true_spheres(cell.artefact, seed, errors["placement"])
         self._obstacles = _obstacles(cell.artefact, self.spheres)
         self.reach_mm = _reach(self._shown.arm, self._shown.tcp)
@@ -233,9 +233,10 @@ class World:
         """Elbow, wrist, flange and tip, the tool taken unbent and unworn, without scatter."""
         angles = self._angles(readings, self.payload)
         chain = self._warm_chain
-        flange, back, offset = chain.arm.carry(angles, chain.flange, self._wrist, chain.offset)
-        (elbow,) = self._upper_arm.carry(angles[: len(self._upper_arm.axes)], self._elbow)
-        return elbow, _sum(flange, back), flange, _sum(flange, offset)
+        flange, offset = chain.arm.carry(angles, chain.flange, chain.offset)
+        # both are on the forearm: the elbow's axis turns it, and goes through the elbow
+        elbow, on = self._forearm.carry(angles[: len(self._forearm.axes)], self._elbow, self._elbow_to_wrist)
+        return elbow, _sum(elbow, on), flange, _sum(flange, offset)
 
     def scatter(self, target: Sequence[float], attempt: int) -> Vector:
         """Where the tool ends up beside its mean at the `attempt`-th (from 0) move to `target`, mm.

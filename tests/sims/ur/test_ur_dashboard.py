@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from tests.sims.ur.conftest import DASHBOARD
+from tests.sims.ur.conftest import CELL, DASHBOARD, program
 
 
 @pytest.mark.parametrize(
@@ -131,3 +133,19 @@ def test_commands_come_in_pieces_and_several_at_once(bench):
     begun.let_pass(0.01)
     client.sendall(b"mode\nsafetymode\n")
     assert [begun.line(client), begun.line(client)] == ["Robotmode: RUNNING", "Safetymode: NORMAL"]
+
+
+def test_the_cell_s_program_runs_from_the_start_and_again_after_a_reset(bench, tmp_path):
+    (tmp_path / "waits.script").write_text(program("while True:\n  sync()\nend", "waits"))
+    one = bench(folder=tmp_path, programs=".", program="waits.urp")
+    assert one.command("running") == "Program running: true"
+    one.controller.protective_stop(153, 0, "Protective Stop")
+    assert one.command("programState") == "PAUSED waits.urp"
+    one.controller.acknowledge()
+    assert one.command("programState") == "PLAYING waits.urp"
+
+
+def test_settings_of_the_driver_stay_in_the_address(bench):
+    cell = replace(CELL, addresses={"robot": "ur+rtde://10.0.0.1:30004?contact_input=0&dashboard=29999"})
+    one = bench(cell=cell)
+    assert one.servers.address == f"ur+rtde://{one.servers.host}?contact_input=0"
