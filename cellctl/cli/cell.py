@@ -128,9 +128,9 @@ def krl(
 ) -> None:
     """Write the files to load on the controller.
 
-    KRL programs, EthernetKRL channel, Ethernet configuration, RSI context, README.txt. README.txt states where each
-    file goes, and what has not been tried on a real controller yet. No device is opened, unless --load-to names a
-    folder on the controller: then the files (not README.txt) are written there and read back.
+    KUKA: KRL programs, EthernetKRL channel, Ethernet configuration, RSI context. UR: the resident program in URScript.
+    README.txt states where each file goes, and what has not been tried on a real controller yet. No device is opened,
+    unless --load-to names a folder on the controller: then the files (not README.txt) are written there and read back.
 
     Example: cellctl krl sphere_cell -o krc
     """
@@ -144,7 +144,7 @@ def krl(
         raise typer.BadParameter(f"{out} is a file; give a folder")
     out.mkdir(parents=True, exist_ok=True)
     for file, text in made.items():
-        (out / file).write_bytes(as_loaded(text))
+        (out / file).write_bytes(as_loaded(file, text))
     sent = asyncio.run(send_files(loaded, drivers, name, load_to, made)) if load_to is not None else []
     if json_ != "-":
         typer.echo(f"{len(made)} files in {out}: {', '.join(made)}")

@@ -259,7 +259,8 @@ class Surroundings:
     `clock`: the cell's time; `folder`: the cell file's folder, against which paths in an address are read;
     `limits`: the cell file's limits for this device, in the driver's own names; missing ones take the driver's
     defaults, which are low. `reach_mm`: the maximum reach of the cell's robot, `axes`: their number; None if unknown.
-    `table_correction_deg`: largest correction of a joint by a table.
+    `table_correction_deg`: largest correction of a joint by a table. `state`: folder for what a driver keeps beyond its
+    own life, of a simulated cell; None: beside the cell file.
     """
 
     clock: Clock
@@ -268,6 +269,7 @@ class Surroundings:
     reach_mm: float | None = None
     axes: int | None = None
     table_correction_deg: float = TABLE_CORRECTION_DEG
+    state: Path | None = None
 
 
 @final

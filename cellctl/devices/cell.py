@@ -127,12 +127,10 @@ class Cell:
             warnings=tuple(warnings),
         )
 
-    def surroundings(self, device: str, clock: Clock) -> Surroundings:
+    def surroundings(self, device: str, clock: Clock, state: Path | None = None) -> Surroundings:
         """The data for the driver of `device` besides its address."""
-        limits = self.limits.get(device, {})
-        return Surroundings(
-            clock, self.path.parent, limits, self.reach_mm, table_correction_deg=self.table_correction_deg
-        )
+        limits, most_deg = self.limits.get(device, {}), self.table_correction_deg
+        return Surroundings(clock, self.path.parent, limits, self.reach_mm, table_correction_deg=most_deg, state=state)
 
 
 def _read(document: Document, content: dict[str, Any]) -> _CellModel:

@@ -140,11 +140,15 @@ _ANSWER_SECONDS = 20.0
 @final
 @dataclass(frozen=True)
 class SimulatedCell:
-    """A running simulator process and the content of its ready file."""
+    """A running simulator process and the content of its ready file.
+
+    `state`: the folder of what its drivers keep beyond their lives, beside the simulators' memory if they have one.
+    """
 
     process: subprocess.Popen[bytes]
     folder: tempfile.TemporaryDirectory[str]
     ready: dict[str, Any]
+    state: Path | None = None
 
     @classmethod
     async def start(cls, cell: Cell, seed: int | None, clock: ClockMode | None, extra: tuple[str, ...] = ()) -> Self:
@@ -167,7 +171,8 @@ class SimulatedCell:
             _explain(process, Path(folder.name) / "stderr", cell)
             folder.cleanup()
             raise
-        return cls(process, folder, json.loads(ready.read_text()))
+        memory = Path(extra[extra.index("--state") + 1]).parent if "--state" in extra else Path(folder.name)
+        return cls(process, folder, json.loads(ready.read_text()), memory / "drivers")
 
     def address(self, device: str) -> Address:
         """The address of `device`."""
@@ -282,8 +287,11 @@ def open_devices(
     names: Collection[str] | None = None,
 ) -> dict[str, Device]:
     """The cell's devices (those in `names`), not connected: at the file's addresses, or at the simulators'."""
+    state = simulated.state if simulated else None
     return {
-        name: drivers.open(name, simulated.address(name) if simulated else address, cell.surroundings(name, clock))
+        name: drivers.open(
+            name, simulated.address(name) if simulated else address, cell.surroundings(name, clock, state)
+        )
         for name, address in cell.addresses.items()
         if names is None or name in names
     }
@@ -348,9 +356,9 @@ async def connected(
 _INSTRUCTIONS = "README.txt"
 
 
-def as_loaded(text: str) -> bytes:
-    """A generated file's text with the line ends of Windows, which the controller needs."""
-    return text.replace("\n", "\r\n").encode()
+def as_loaded(name: str, text: str) -> bytes:
+    """A generated file with the line ends of Windows, which a KRC needs; a file of URScript with those of Linux."""
+    return (text if name.endswith(".script") else text.replace("\n", "\r\n")).encode()
 
 
 def require_files(cell: Cell, drivers: DriverRegistry, device: str) -> None:
@@ -374,6 +382,6 @@ async def send_files(
         for name, text in files.items():
             if name != _INSTRUCTIONS:
                 path = folder.rstrip("/\\") + "\\" + name
-                await devices[device].device.write_file(path, as_loaded(text))
+                await devices[device].device.write_file(path, as_loaded(name, text))
                 sent.append(path)
     return sent
