@@ -16,25 +16,13 @@ from cellctl.formats.measurements import ModelTerms
 from cellctl.installed import robot_file
 from cellctl.kinematics import SerialChain
 from cellctl.procedure._cell_check import CellFiles
+from procedures.steps.tracker.plan_inputs import PlanInputs
 from procedures.steps.tracker.pose_planning import planned_rounds
 from sims.conditions import REFERENCE_C
 from tests.studies.papers.world import Floats, PaperWorld, Ways, plate_of, pose_of_plate
 
 ROTATION_LEVER_MM = 120.0
 """Rough size of the plate: σ of a turn is that of a point over it."""
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """The procedure's settings: all poses in one round, each from one side."""
-
-    fit: int
-    held_out: int
-    reflectors: int = 3
-    monuments_every: int = 10_000
-    from_both: float = 0.0
-    pose_file: str = ""
 
 
 @final
@@ -63,7 +51,8 @@ class PoseCell:
     def planned(self, fit_count: int, held_out: int, seed: int) -> Planned:
         """The poses that a campaign of this seed plans, before it knows better where the instrument is."""
         context = CellFiles(load_yaml(self.file), _robot_file(self.file), seed)
-        poses = [pose for each in planned_rounds(context, Wanted(fit_count, held_out), None) for pose in each.poses]
+        wanted = PlanInputs(fit=fit_count, held_out=held_out, reflectors=3, monuments_every=10_000, from_both=0.0)
+        poses = [pose for each in planned_rounds(context, wanted, None) for pose in each.poses]
         return Planned(
             np.array([pose.joints for pose in poses]),
             np.array([pose.direction for pose in poses]),
