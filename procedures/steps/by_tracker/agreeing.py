@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import ClassVar, final
 
 from cellctl.calibration import FitResult, fit
@@ -22,36 +22,6 @@ from procedures.steps.tracker.rows import PoseRow
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class AgreementRowFigures:
-    """`cellctl.calibration.verdict.agreement.AgreementFigures`, as the journal keeps it."""
-
-    within: float
-    error_rms: float
-    error_max: float
-    difference_rms_mm: float
-    sigma_rms_mm: float
-    distance: float
-    limits: tuple[float, float]
-    scale_ppm: float
-    scale_sigma_ppm: float
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class AgreementRow:
-    """`cellctl.calibration.verdict.agreement.Agreement`, as the journal keeps it."""
-
-    verdict: str
-    sentence: str
-    places: int
-    whole_rms_mm: float
-    degrees_of_freedom: int
-    not_determined: tuple[str, ...]
-    figures: AgreementRowFigures | None
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
 class CrossCheckVerdict(VerdictRow):
     """Whether spheres (a) and tracker (b) agree: `agree`, `disagree` or `not known`. before, after: nominal and the
     tracker's own model at held-out poses. tracker: report of the fit of the poses; accuracy, noise_only: of the
@@ -59,7 +29,7 @@ class CrossCheckVerdict(VerdictRow):
     """
 
     SECTION: ClassVar[tuple[str, ...]] = ("agreement", "tracker", "accuracy", "noise_only")
-    agreement: AgreementRow | None = None
+    agreement: Agreement | None = None
     tracker: Mapping[str, Json] | None = None
     accuracy: str = ""
     noise_only: bool = False
@@ -117,7 +87,7 @@ def checked(context: StepContext) -> Checked:
             after=Figures(**report["test"]),
             model=touched.model,
             lines=tuple(lines),
-            agreement=_row(agreed) if agreed else None,
+            agreement=agreed,
             tracker=report,
             accuracy=point.accuracy,
             noise_only=point.noise_only,
@@ -138,8 +108,3 @@ def _unsound(touched: SphereVerdict, tracker: FitResult) -> str:
     return " and ".join(
         name for name, ok in (("the spheres", of_touches), ("the tracker", tracker.sigma_ok)) if ok is False
     )
-
-
-def _row(agreed: Agreement) -> AgreementRow:
-    figures = AgreementRowFigures(**asdict(agreed.figures)) if agreed.figures else None
-    return AgreementRow(**{**asdict(agreed), "figures": figures})

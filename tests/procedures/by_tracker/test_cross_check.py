@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cellctl.calibration.verdict.agreement import AgreementFigures
 from cellctl.formats import ModelFile
-from procedures.steps.by_tracker.agreeing import AgreementRowFigures, CrossCheckVerdict, cross_check
+from procedures.steps.by_tracker.agreeing import CrossCheckVerdict, cross_check
 from tests.procedures.by_tracker.test_comparison import run_of
 
 
@@ -21,7 +22,7 @@ class Checked:
     verdict: CrossCheckVerdict
 
     @property
-    def figures(self) -> AgreementRowFigures:
+    def figures(self) -> AgreementFigures:
         assert self.verdict.agreement is not None
         assert self.verdict.agreement.figures is not None
         return self.verdict.agreement.figures
