@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -16,17 +18,24 @@ from cellctl.files import InputError
 from cellctl.formats import ModelFile, TableFile, artefact_of
 from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of
 from cellctl.kinematics import Floats, JointMap
-from cellctl.planning import PlannedTouch
+from cellctl.planning import PlannedTouch, TouchOptions
 from cellctl.procedure import StepContext
 from procedures.steps.contact_search import FoundContact
 from procedures.steps.sphere.plan_inputs import CompensateInputs
-from procedures.steps.sphere.planning import as_plan, as_touch, standoff_lines
+from procedures.steps.sphere.planning import BEYOND_MM, as_plan, as_touch, standoff_lines, standoff_options
 from procedures.steps.sphere.reference_touches import drift_of, last_number, touch_sigma_mm
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, SphereVerdict, StandOffRow, TouchRow
 from procedures.steps.sphere.touch_plans import Round, StandOffPlan, TouchPlan
 
 _TOLERANCE_MM = 1e-4
 """Left by the compensated joints, far below a touch's scatter: as in older runs, which replay to the same bytes."""
+
+_CLEAR_MM = 1.0
+"""Least predicted distance, mm, of a line's start from the surface, and of its end below it: many times the 1 σ of a
+prediction. With less a robot could touch in its transfer, or find nothing."""
+
+_LONGER_MM = 8.0
+"""Most, mm, by which a line is longer at either end. A robot that is farther off has wrong link lengths or base."""
 
 
 @final
@@ -61,15 +70,54 @@ def standoffs_and_table(context: StepContext, inputs: CompensateInputs) -> Prepa
     x, y, z = sphere.nominal.centre.tolist()
     half = inputs.reference_every // 2  # each target is two stand-offs
     again = as_touch(inputs.reference)
-    lines = standoff_lines(context, inputs.sphere, (x, y, z), inputs.targets, inputs.distance_mm, half, again)
+
+    def planned(options: TouchOptions) -> list[PlannedTouch]:
+        return standoff_lines(context, inputs.sphere, (x, y, z), inputs.targets, options, half, again)
+
+    lines, off_mm = _lines_that_reach(context, model, sphere, inputs.distance_mm, planned)
     targets = [line for line in lines if not line.reference]
     found, inside = _compensated(context, model, sphere, targets)
     table = _table(context, model, sphere, targets, found)
     first = 1 + last_number(context, TouchRow, ReferenceRow, LocateRow)
     drifted = _drifted(context, first + 2.0 * np.arange(len(targets)))
-    pairs = _pairs(model, sphere, inputs.distance_mm, targets, found, inside, drifted)
+    pairs = _pairs(model, sphere, off_mm, targets, found, inside, drifted)
     rounds = _rounds(lines, pairs, inputs.reference, first)
-    return Prepared(rounds, table.text(), _row(inputs.sphere, sphere, table), _sentence(inputs.sphere, sphere, table))
+    sentence = _sentence(inputs.sphere, sphere, table)
+    if targets[0].search_mm > inputs.distance_mm + BEYOND_MM + 0.5:
+        sentence += f"; search lines of {targets[0].search_mm:.0f} mm, because the nominal robot is far off"
+    return Prepared(rounds, table.text(), _row(inputs.sphere, sphere, table), sentence)
+
+
+def _lines_that_reach(
+    context: StepContext,
+    model: ModelFile,
+    sphere: _Sphere,
+    distance_mm: float,
+    planned: Callable[[TouchOptions], list[PlannedTouch]],
+) -> tuple[list[PlannedTouch], float]:
+    """Lines that begin off the surface and end below it by the identified model too; the distance of their targets, mm.
+
+    They are from `distance_mm` off to `BEYOND_MM` below, and longer at either end where the nominal robot is farther
+    off than that. Raises InputError where it is too far off.
+    """
+    off_mm, below_mm = distance_mm, BEYOND_MM
+    while max(off_mm - distance_mm, below_mm - BEYOND_MM) <= _LONGER_MM:
+        lines = planned(standoff_options(off_mm, below_mm))
+        targets = [line for line in lines if not line.reference]
+        starts, ends = (
+            sphere.identified.distances(model.robot.joint_map().model(np.array(readings))) - sphere.reach
+            for readings in ([line.start for line in targets], [line.end for line in targets])
+        )
+        too_near, too_high = _CLEAR_MM - starts.min(), ends.max() + _CLEAR_MM
+        if max(too_near, too_high) <= 0.0:
+            return lines, off_mm
+        off_mm, below_mm = off_mm + max(0, math.ceil(too_near)), below_mm + max(0, math.ceil(too_high))
+    what = (
+        f"the nominal robot is too far off at the proof sphere: its stand-offs would have to begin {off_mm:.0f} mm off "
+        f"the surface and end {below_mm:.0f} mm below it"
+    )
+    cure = "start from better link lengths, such as the maker's calibration of this arm, or move the proof sphere"
+    raise InputError(context.cell.problem(("artefact", "spheres"), what, cure))
 
 
 def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:

@@ -262,8 +262,8 @@ def _sets(touches: list[PlannedTouch], spheres: list[str], held_out: int, seed: 
     return sets
 
 
-_BEYOND_MM = 8.0
-"""Depth below the expected surface at which a stand-off's search ends without contact."""
+BEYOND_MM = 8.0
+"""Depth below the expected surface at which a stand-off's search ends without contact, if the robot is not far off."""
 
 
 def worth_proving(context: StepContext) -> bool:
@@ -289,26 +289,26 @@ def standoff_lines(
     sphere: str,
     centre: tuple[float, float, float],
     count: int,
-    distance_mm: float,
+    options: TouchOptions,
     reference_every: int,
     reference: PlannedTouch,
 ) -> list[PlannedTouch]:
-    """Lines from `distance_mm` off the surface of `sphere` at `centre`, by the nominal robot. Raises InputError."""
+    """Lines by `options` to the surface of `sphere` at `centre`, by the nominal robot. Raises InputError."""
     return plan_on(
         context,
         {sphere: count},
         seed_for(context, "standoff"),
         centres={sphere: centre},
         reach=_seen(context),
-        options=standoff_options(distance_mm),
+        options=options,
         reference_every=reference_every,
         reference=reference,
     )
 
 
-def standoff_options(distance_mm: float) -> TouchOptions:
-    """How to plan stand-offs from `distance_mm` off the surface."""
-    return TouchOptions(guard=distance_mm, depth=_BEYOND_MM)
+def standoff_options(distance_mm: float, below_mm: float = BEYOND_MM) -> TouchOptions:
+    """How to plan stand-offs from `distance_mm` off the surface to `below_mm` below it."""
+    return TouchOptions(guard=distance_mm, depth=below_mm)
 
 
 def _seen(context: StepContext) -> Reach:
