@@ -1,5 +1,6 @@
 """KRL, the language of KUKA controllers: files read without loss, points understood, values written."""
 
+from cellctl.files.spans import Span
 from cellctl.krl._expressions import (
     Aggregate,
     Call,
@@ -15,7 +16,6 @@ from cellctl.krl._frames import FrameChoice, MotionFrames, frame_values, motion_
 from cellctl.krl._grammar import aggregate_in, statements
 from cellctl.krl._krl_file import KrlFile
 from cellctl.krl._points import CARTESIAN, JOINTS, FrameData, Point, point_of, points_of
-from cellctl.krl._tokens import Span
 from cellctl.krl.statements import (
     Assignment,
     Begin,

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias, TypeVar, final
 
-from cellctl.krl._tokens import Span, Token
+from cellctl.files.spans import Span
+from cellctl.krl._tokens import Token
 
 
 @final

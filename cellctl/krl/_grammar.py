@@ -37,8 +37,9 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import TypeGuard, final, get_args
 
+from cellctl.files.spans import Span
 from cellctl.krl._expressions import Aggregate, Call, Expression, NotUnderstood, Reader
-from cellctl.krl._tokens import Line, Span, Token, lines, tokens
+from cellctl.krl._tokens import Line, Token, lines, tokens
 from cellctl.krl.statements import (
     Assignment,
     Begin,

@@ -10,10 +10,11 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TypeAlias, TypeVar, final
 
+from cellctl.files.spans import ENCODING, Span, replaced
 from cellctl.krl._expressions import Expression, calls, references
 from cellctl.krl._grammar import statements
 from cellctl.krl._points import FrameData, Point, points_of, variable_of, with_data
-from cellctl.krl._tokens import Span, lines
+from cellctl.krl._tokens import lines
 from cellctl.krl.statements import (
     Assignment,
     Begin,
@@ -30,7 +31,6 @@ Kind = TypeVar("Kind")
 _Inputs: TypeAlias = Mapping[str, tuple[bool, ...]]
 """For each parameter of a routine, by its name in upper case, whether it is `:IN`."""
 
-_ENCODING = "latin-1"
 _FUNCTIONS_OF_VALUES = ("INV_POS", "ABS", "SQRT", "SIN", "COS", "ACOS", "TAN", "ATAN2")
 
 
@@ -62,7 +62,7 @@ class KrlFile:
     @cached_property
     def text(self) -> str:
         """The bytes as Latin-1: one character for each."""
-        return self.data.decode(_ENCODING)
+        return self.data.decode(ENCODING)
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
@@ -148,13 +148,7 @@ class KrlFile:
 
         Raises ValueError where two places overlap, one is outside the file, or a text is not Latin-1.
         """
-        parts, at = [], 0
-        for span, text in sorted(values.items()):
-            if not at <= span.start <= span.end <= len(self.data):
-                raise ValueError(f"{self.name}: places overlap or are outside the file, at byte {span.start}")
-            parts += [self.data[at : span.start], text.encode(_ENCODING)]
-            at = span.end
-        return b"".join([*parts, self.data[at:]])
+        return replaced(self.data, values, self.name)
 
     def line_span(self, line: int) -> Span:
         """Place of a line (from 1), without its end."""

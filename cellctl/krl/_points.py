@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
+from cellctl.files.spans import Span
 from cellctl.krl._expressions import Aggregate, Expression, Number, Reference
 from cellctl.krl._expressions import Literal as Constant
-from cellctl.krl._tokens import Span
 from cellctl.krl.statements import Assignment, Begin, Declaration, End, Motion, Statement
 
 PointType: TypeAlias = Literal["FRAME", "POS", "E6POS", "AXIS", "E6AXIS"]

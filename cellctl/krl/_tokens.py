@@ -6,17 +6,9 @@ import re
 from collections.abc import Iterator
 from typing import Literal, NamedTuple, TypeAlias
 
+from cellctl.files.spans import Span
+
 TokenKind: TypeAlias = Literal["name", "number", "string", "enum", "bits", "sign", "comment", "bad"]
-
-
-class Span(NamedTuple):
-    """A place in a file: characters `start` up to `end`, not included, counted from 0.
-
-    A file is read as Latin-1: one character is one byte, so a span of `KrlFile` counts bytes.
-    """
-
-    start: int
-    end: int
 
 
 class Token(NamedTuple):

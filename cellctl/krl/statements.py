@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
+from cellctl.files.spans import Span
 from cellctl.krl._expressions import Call, Expression, Reference
-from cellctl.krl._tokens import Span
 
 MotionKind: TypeAlias = Literal[
     "PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL",
