@@ -169,11 +169,28 @@ class Source(BaseModel):
 
 
 @final
+class MakersCalibration(BaseModel):
+    """The maker's own calibration of one arm, from which the file's geometry is, in place of the data sheet.
+
+    file: that it was read from. hash: by which a controller knows it, where the file states it.
+    """
+
+    model_config = _STRICT
+    file: Text
+    hash: Text | None = None
+
+    @model_serializer(mode="wrap")
+    def _as_written(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in serialize(self).items() if value is not None}
+
+
+@final
 class RobotFile(BaseModel):
     """A robot as in its file: by `links`, or (`poe`) by `screws` and the flange's pose `home` at model zero.
 
     repeatability: 1 σ of the distance to the mean, 3-D, mm. mounting: orientation of the frame in which `base` is
-    given. source: origin of the numbers; it is no property of the robot, and models do not contain it.
+    given. calibration: of this arm by its maker; None: the geometry is the data sheet's. source: origin of the numbers;
+    it is no property of the robot, and models do not contain it.
     """
 
     model_config = _STRICT
@@ -188,6 +205,7 @@ class RobotFile(BaseModel):
     tool: Tool = Tool()
     repeatability: Annotated[float, Field(allow_inf_nan=False, gt=0, le=100)]
     tolerances: StatedTolerances | None = None
+    calibration: MakersCalibration | None = None
     source: Annotated[Source | None, Field(exclude=True)] = None
 
     @classmethod
@@ -243,7 +261,7 @@ class RobotFile(BaseModel):
     @model_serializer(mode="wrap")
     def _as_written(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Without the sections that the file does not have, so that a robot's hash covers only the file's content."""
-        absent = {name for name in ("links", "screws", "home", "tolerances") if not getattr(self, name)}
+        absent = {name for name in ("links", "screws", "home", "tolerances", "calibration") if not getattr(self, name)}
         absent |= {"mounting"} if self.mounting == "floor" else set()
         return {name: value for name, value in serialize(self).items() if name not in absent}
 

@@ -63,10 +63,14 @@ TcpRobot = Annotated[
     Path | None,
     typer.Option("--robot", help="Robot file or shipped name: also show changes of the TCP, mm.", callback=_robot),
 ]
+SheetRobot = Annotated[
+    Path | None,
+    typer.Option("--robot", help="Of a maker's calibration: robot file or shipped name of its robot.", callback=_robot),
+]
 AnyRobot = Annotated[
     Path,
     typer.Argument(
-        help="Robot file (.yaml), model (.json), .urdf, DH table (.csv), or shipped name.",
+        help="Robot file (.yaml), model (.json), .urdf, DH table (.csv), maker's calibration, or shipped name.",
         callback=_robot,
     ),
 ]

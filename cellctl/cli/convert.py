@@ -148,6 +148,7 @@ def convert(
     tip: Annotated[str | None, typer.Option(help="Last link of the chain in a URDF (read, or --into).")] = None,
     table: Annotated[Table | None, typer.Option(help="Convention of the DH table read or written.")] = None,
     repeatability: Annotated[float | None, typer.Option(help="1 σ, 3-D, mm, if the source has none.")] = None,
+    sheet: arguments.SheetRobot = None,
     tool_number: Annotated[
         int | None, typer.Option(help="n of TOOL_DATA[n] (KUKA). Default: 1.", min=1, max=128)
     ] = None,
@@ -164,14 +165,16 @@ def convert(
     controller's readings, in radians.
 
     Example: cellctl convert kr5_r1400 --to urdf -o kr5.urdf
+
+    Example: cellctl convert calibration.conf --robot ur10e --to mdh-hayati -o my_ur10e.yaml
     """
     _refuse_options(robot, to, into, tip, table)
     if to is not Form.KUKA and (tool_number, base_number) != (None, None):
         raise typer.BadParameter("--tool-number and --base-number are for --to kuka")
     refuse_json_on_stdout(json_, out, "the robot")
-    refuse_outputs({"--out": out, "--json": json_}, [robot, into])
+    refuse_outputs({"--out": out, "--json": json_}, [robot, into, sheet])
     convention = _TABLES[table] if table else None
-    source = read_source(robot, tip if into is None else None, convention, repeatability)
+    source = read_source(robot, tip if into is None else None, convention, repeatability, sheet)
     made = exported(source, to.value, ExportOptions(convention, into, tip, tool_number or 1, base_number or 1))
     if out:
         write_atomically(out, made.content)

@@ -23,7 +23,7 @@ from cellctl.kinematics import (
     to_mdh,
     to_poe,
 )
-from cellctl.robot_file import UPRIGHT, Mounting, RobotFile, StatedTolerances, Tilt
+from cellctl.robot_file import UPRIGHT, MakersCalibration, Mounting, RobotFile, StatedTolerances, Tilt
 
 LEVEL = 1e-3
 """A frame tilted by less than this is upright, rad: less than an instrument's base is known to be level."""
@@ -48,7 +48,8 @@ class RobotDescription:
     """A robot: its chain without deviations, its joints, and the other content of its file.
 
     repeatability: 1 σ, 3-D, mm; None where the form has no place for it. mounting: orientation in the world of the
-    frame in which the chain's base is given; z is up in forms that do not state it.
+    frame in which the chain's base is given; z is up in forms that do not state it. calibration: its maker's, if the
+    chain is from it.
     """
 
     name: str
@@ -58,13 +59,16 @@ class RobotDescription:
     tool_mass: float = 0.0
     tolerances: StatedTolerances | None = field(default=None)
     mounting: Mounting = "floor"
+    calibration: MakersCalibration | None = None
 
     @classmethod
     def of(cls, robot: RobotFile, chain: SerialChain | None = None) -> Self:
         """A robot file's robot; `chain`, where given, in place of the nominal one: deviations become its geometry."""
         joints = tuple(JointSaid(row.sign, row.offset, row.min, row.max, row.max_speed) for row in robot.joints)
         form, mounting = settled(chain or robot.chain()), _mounting(robot, chain)
-        return cls(robot.name, form, joints, robot.repeatability, robot.tool.mass, robot.tolerances, mounting)
+        calibration = robot.calibration if chain is None else None
+        mass, tolerances = robot.tool.mass, robot.tolerances
+        return cls(robot.name, form, joints, robot.repeatability, mass, tolerances, mounting, calibration)
 
     def joint_map(self) -> JointMap:
         """Controller readings (deg) to model angles (rad) and back."""
@@ -159,6 +163,7 @@ def _lines(robot: RobotDescription, convention: Convention) -> list[str]:
         f"tool: {{{frame_words(chain.tool)}{mass}}}",
         f"repeatability: {number(robot.repeatability or 0.0, 9)}",
         *_tolerance_lines(robot.tolerances),
+        *_calibration_lines(robot.calibration),
     ]
 
 
@@ -216,3 +221,10 @@ def _tolerance_lines(tolerances: StatedTolerances | None) -> list[str]:
         return []
     said = [f"{name}: {number(value, 9)}" for name, value in tolerances.model_dump().items() if value is not None]
     return [f"tolerances: {{{', '.join(said)}}}"]
+
+
+def _calibration_lines(calibration: MakersCalibration | None) -> list[str]:
+    if calibration is None:
+        return []
+    words = [f"{name}: {json.dumps(_printable(value))}" for name, value in calibration.model_dump().items()]
+    return [f"calibration: {{{', '.join(words)}}}"]

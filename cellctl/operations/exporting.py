@@ -24,6 +24,7 @@ from cellctl.formats.exports import (
     ur_calibration,
     urdf_into,
 )
+from cellctl.formats.makers_calibration import is_makers_calibration, load_calibration
 from cellctl.formats.urdf import load_urdf, urdf_text
 from cellctl.kinematics import Convention, Floats, TableConvention, abc_from_rotation
 
@@ -37,13 +38,14 @@ _WITHOUT_MOUNTING = ("urdf", "dh-csv")
 @dataclass(frozen=True, eq=False)
 class Source:
     """What is converted. file: its name in errors. robot: with the identified geometry; nominal: without it, and the
-    same where the source is no model. model: None where it is none.
+    same where the source is no model. model: None where it is none. notes: to whom reads it.
     """
 
     file: str
     robot: RobotDescription
     nominal: RobotDescription
     model: ModelFile | None = None
+    notes: tuple[str, ...] = ()
 
 
 @final
@@ -85,8 +87,18 @@ def model_source(model: ModelFile, file: str) -> Source:
     return Source(file, identified, RobotDescription.of(model.robot), model)
 
 
-def read_source(path: Path, tip: str | None, table: str | None, repeatability: float | None) -> Source:
-    """The robot or model of a file, by its suffix. Raises InputError where it is none, or states its repeatability."""
+def read_source(
+    path: Path, tip: str | None, table: str | None, repeatability: float | None, sheet: Path | None = None
+) -> Source:
+    """The robot or model of a file, by its suffix. sheet: robot file of the data sheet, of a maker's calibration.
+
+    Raises InputError where it is none, or states its repeatability.
+    """
+    if is_makers_calibration(path):
+        return _calibrated(path, repeatability, sheet)
+    if sheet is not None:
+        what = "is for a maker's calibration, and this is none"
+        raise InputError(Problem("--robot", 0, 0, what, "leave it out"))
     model = None
     match path.suffix.lower():
         case ".json":
@@ -109,6 +121,20 @@ def read_source(path: Path, tip: str | None, table: str | None, repeatability: f
     return Source(str(path), robot, RobotDescription.of(model.robot) if model else robot, model)
 
 
+def _calibrated(path: Path, repeatability: float | None, sheet: Path | None) -> Source:
+    if sheet is None:
+        what = "is a maker's calibration: it has no limits, and says not of which robot"
+        raise InputError(Problem(str(path), 0, 0, what, "give its data sheet's robot file: --robot ur10e"))
+    if repeatability is not None:
+        raise InputError(Problem("--repeatability", 0, 0, "is that of the robot of --robot", "leave it out"))
+    nominal = RobotFile.load(sheet)
+    found = load_calibration(path, nominal)
+    note = (
+        f"the geometry is the maker's calibration of one arm, up to {found.apart_mm:.3f} mm and {found.apart_deg:.4f}° "
+    )
+    return Source(str(path), found.robot, RobotDescription.of(nominal), notes=(f"{note}from the data sheet",))
+
+
 def exported(source: Source, form: str, options: ExportOptions) -> Exported:
     """The robot in `form`; of a model with effects, the geometry nearest to the whole model.
 
@@ -123,6 +149,7 @@ def exported(source: Source, form: str, options: ExportOptions) -> Exported:
         source = replace(source, robot=RobotDescription.of(source.model.robot, fitted.chain))
     mounting = ["mounting"] if form in _WITHOUT_MOUNTING and source.robot.mounting != "floor" else []
     content, notes, figures = _geometry(source, form, options)
+    notes = [*source.notes, *notes]
     if fitted is None:
         return Exported(content, tuple(mounting), None, tuple(notes), figures)
     compared = f"links, base and tool are fitted to the whole model; {_of_nominal(fitted)}"

@@ -198,7 +198,7 @@ def _edit(file: str, data: bytes, joint: UrdfJoint, origin: Floats) -> tuple[int
     return start, tag.end(), b"<origin" + words + _ORIGIN_ATTRIBUTE.sub(b"", tag.group()[len(b"<origin") :])
 
 
-LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _ROLLS = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
 """Roll of each link in the one before, deg, of every robot of this maker; pitch and yaw are 0."""
 _CURE = "give a model of a UR robot in its controller's base frame, as the library's (`cellctl robots`)"
@@ -227,7 +227,7 @@ def ur_calibration(nominal: RobotDescription, found: RobotDescription, file: str
     for frame, point, along in zip(usual, axes.points, axes.along, strict=True):
         frames.append(nearest_on_axis(frame, point, along, z))
     lines = ["kinematics:"]
-    for name, before, frame in zip(LINKS, frames, frames[1:], strict=False):
+    for name, before, frame in zip(UR_LINKS, frames, frames[1:], strict=False):
         xyz, rpy = origin_words(inverse_pose(before) @ frame)
         keys = ("x", "y", "z", "roll", "pitch", "yaw")
         lines += [f"  {name}:", *(f"    {key}: {word}" for key, word in zip(keys, (*xyz, *rpy), strict=True))]
@@ -251,14 +251,14 @@ def hash_of(path: Path) -> str:
 def _nominal_frames(nominal: RobotDescription, file: str) -> list[Floats]:
     """The maker's frames (4, 4) at readings 0, in the controller's base frame, if the robot is built as a UR."""
     joints = nominal.joint_map()
-    if joints.n != len(LINKS) or (joints.sign != 1.0).any():
+    if joints.n != len(UR_LINKS) or (joints.sign != 1.0).any():
         what = f"is no UR robot: it has {joints.n} joints, with readings counted {_senses(joints.sign)}"
         raise InputError(Problem(file, 0, 0, what, _CURE))
     chain = to_mdh(nominal.chain)
     assert isinstance(chain.table, LinkTable)
     behind = inverse_pose(nominal.chain.base) @ chain.frames(joints.model(np.zeros(joints.n)))[:-1]
     frames = [frame @ pose(np.eye(3), [0.0, 0.0, row.d]) for frame, row in zip(behind, chain.table.links, strict=True)]
-    for name, roll, before, frame in zip(LINKS, _ROLLS, [np.eye(4), *frames], frames, strict=False):
+    for name, roll, before, frame in zip(UR_LINKS, _ROLLS, [np.eye(4), *frames], frames, strict=False):
         apart = np.degrees(turned_by(pose_from_xyz_abc([0.0] * 3, [0.0, 0.0, roll]), inverse_pose(before) @ frame))
         if apart > 1.0:
             what = f"is no UR robot: {name} is turned by {apart:.0f}° from where the description package has it"

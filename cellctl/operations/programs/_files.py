@@ -21,8 +21,9 @@ from cellctl.operations.programs._krl import KRL
 from cellctl.operations.programs._language import FrameKind, Program, ProgramFiles
 from cellctl.operations.programs._paths import Path as ProgramPath
 from cellctl.operations.programs._paths import program_paths, program_texts, with_points_between
+from cellctl.operations.programs._urscript import URSCRIPT
 
-LANGUAGES = (KRL,)
+LANGUAGES = (KRL, URSCRIPT)
 """The languages whose programs are compensated."""
 
 
@@ -64,7 +65,7 @@ class ProgramOptions:
         """Raise InputError if any of them is given: the targets are not a program."""
         given = [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value]
         if given:
-            raise InputError(Problem(given[0], 0, 0, "is for programs (.src)", "leave it out"))
+            raise InputError(Problem(given[0], 0, 0, "is for programs (.src, .script)", "leave it out"))
 
 
 @final
@@ -81,7 +82,7 @@ class LeftPlace:
 @final
 @dataclass(frozen=True, slots=True)
 class PointFigures:
-    """A compensated point, see `Changed`. motions: their lines. numbers: its new components, mm and deg."""
+    """A compensated point, see `Changed`. motions: their lines. numbers: its new components, as they are written."""
 
     file: str
     line: int

@@ -192,17 +192,33 @@ class ProgramGoals:
         if move.tool.numbers is None:
             return move.tool.reason
         if all(point.readings is None for point in move.uses):
-            return move.base.reason if move.base.numbers is None else ""
-        if move.kind != "PTP":
+            return move.base.reason if move.base.numbers is None else self.no_positions
+        if move.kind not in ("PTP", "LIN"):
             return f"{move.kind} to joint readings"
         missing = [f"A{axis}" for axis in range(len(move.target.readings or ()) + 1, self.model.robot.n + 1)]
         return f"{move.target.title} has no {', '.join(missing)}" if missing else ""
+
+    @cached_property
+    def no_positions(self) -> str:
+        """Why positions cannot be compensated with this model; empty where they can."""
+        if not self._program.own_calibration or self.model.robot.calibration is not None:
+            return ""
+        what = "the controller computes positions with its arm's calibration, which the model's nominal robot has not"
+        return f"{what}: identify from it (docs/reference/importing.md)"
 
     def _take_joints(self, number: int, move: Move, robots: Robots) -> None:
         assert move.target is not None
         assert move.target.readings is not None
         q = self._joints.model(np.array(move.target.readings[: self.model.robot.n]))
-        self._put(number, move.target, Goal(move.target, robots, robots.nominal.forward(q), q, "joints", None))
+        goal = Goal(move.target, robots, robots.nominal.forward(q), q, "joints", None)
+        if (segment := self._segment(move, goal.pose, np.eye(4))) is not None:
+            assert move.start is not None
+            arrival = posture_at(robots.nominal, segment, self.arrivals[move.start].q, 1.0)
+            if arrival is None or np.abs(arrival - q).max() > _SAME_POSTURE:
+                self._leave(move.target.key, f"{move.kind} does not arrive with these joints in line {move.line}")
+                return
+            self.segments[number] = segment
+        self._put(number, move.target, goal)
 
     def _take_position(self, number: int, move: Move, robots: Robots) -> None:
         assert move.target is not None
@@ -251,18 +267,19 @@ class ProgramGoals:
             )
             return None
         if q is None:
-            found = self._stated(robots, finish, status, turn)
+            near = self._near if move.near is None else np.array(move.near)
+            found = self._stated(robots, finish, near, status, turn)
             if isinstance(found, str):
                 self._leave(move.target.key, found)
                 return None
             q = self._joints.model(found)
         return q
 
-    def _stated(self, robots: Robots, pose: Floats, status: int | None, turn: int | None) -> Floats | str:
-        """Readings (n,), deg, of the posture that S and T choose, or why there is none."""
+    def _stated(self, robots: Robots, pose: Floats, near: Floats, status: int | None, turn: int | None) -> Floats | str:
+        """Readings (n,), deg, of the posture nearest to `near` that S and T choose, or why there is none."""
         limits = self.model.robot.limits()
         known = status if self.model.robot.n == 6 else None
-        find = partial(stated_posture, robots.nominal, self._joints, limits, pose, self._near)
+        find = partial(stated_posture, robots.nominal, self._joints, limits, pose, near)
         if (found := find(status=known, turn=turn)) is not None:
             return found
         if find() is None:

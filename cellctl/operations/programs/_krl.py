@@ -26,6 +26,8 @@ from cellctl.operations.programs._language import (
     ProgramPoint,
     Unchanged,
     is_new_folder,
+    replacing,
+    surroundings,
 )
 
 
@@ -111,6 +113,11 @@ class KrlProgram:
         return self.read.moves
 
     @property
+    def own_calibration(self) -> bool:
+        """No: the controller has its maker's lengths, and its calibration is of the joints' zeros."""
+        return False
+
+    @property
     def not_understood(self) -> Iterator[Unchanged]:
         """Lines that are not understood."""
         for part, file in self.read.parts.items():
@@ -141,7 +148,7 @@ class KrlProgram:
             part, point = self._points[key]
             texts[part] |= {point.numbers[label].span: text for label, text in components.items()}
         for insertion in insertions:
-            texts["src"] = _replacing(
+            texts["src"] = replacing(
                 texts["src"], _inserted(self.read.src, self._motions[insertion.move.place], insertion)
             )
         return {part: file.replaced(texts[part]) for part, file in self.read.parts.items()}
@@ -173,23 +180,11 @@ def _nearest_abc(angles: Floats, old: Floats) -> Floats:
     return np.asarray(ways[np.argmin(away)])
 
 
-def _replacing(texts: dict[Span, str], added: Mapping[Span, str]) -> dict[Span, str]:
-    """`added` too, in place of the numbers inside its spans."""
-    kept = {
-        span: text
-        for span, text in texts.items()
-        if not any(place.start <= span.start and span.end <= place.end for place in added)
-    }
-    return kept | dict(added)
-
-
 def _inserted(file: KrlFile, motion: Motion, insertion: Insertion) -> dict[Span, str]:
     """New lines before the motion; of a circle also a new auxiliary point in its own line."""
     parts, seen = insertion.parts, inverse_pose(insertion.base)
-    indent, end = _surroundings(file, motion)
-    count = len(parts) - 1
-    within = f"the path is within {insertion.bound_mm:.3f} mm of the wanted one"
-    lines = [f"; cellctl: {count} point{'s' * (count > 1)} inserted, {within}"]
+    indent, end = surroundings(file.text, motion.span)
+    lines = [f"; {insertion.words}"]
     for part in parts[:-1]:
         auxiliary = _literal(seen @ part.poses([0.5])[0]) if isinstance(part, Arc) else ""
         lines.append(_line(file, motion, _literal(seen @ part.end), auxiliary))
@@ -210,14 +205,6 @@ def _line(file: KrlFile, motion: Motion, target: str, auxiliary: str) -> str:
     if motion.approximation or motion.spline:
         return text
     return f"{text} {'C_SPL' if motion.kind.startswith('S') else 'C_DIS'}"
-
-
-def _surroundings(file: KrlFile, motion: Motion) -> tuple[str, str]:
-    """White space before the motion in its line, and the end of line used there."""
-    before = file.text[: motion.span.start].rpartition("\n")[2]
-    following = file.text[motion.span.end :].partition("\n")
-    end = "\r\n" if following[0].endswith("\r") or (not following[1] and "\r\n" in file.text) else "\n"
-    return before if not before.strip() else "", end
 
 
 def _literal(pose: Floats) -> str:

@@ -316,7 +316,10 @@ def _move(program: KrlMotions, motion: Motion, modes: Modes, previous: int | Non
     points = [program.points.of(expression) if expression else None for expression in asked]
     faults += [point for point in points if isinstance(point, str)]
     target, auxiliary = [point if isinstance(point, ProgramPoint) else None for point in [*points, None, None][:2]]
-    kind, (orientation, circle) = _KINDS.get(motion.kind, motion.kind), modes.of(motion)
+    kind = _KINDS.get(motion.kind, motion.kind)
+    if target is not None and target.readings is not None and kind != "PTP":
+        faults.append(f"{kind} to joint readings")
+    orientation, circle = modes.of(motion)
     evenly = orientation == "#VAR" and (kind != "CIRC" or circle == "#BASE")
     return Move(
         place=motion.span.start,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal, Protocol, TypeAlias, final
 
 from cellctl.compensation.paths import Segment
+from cellctl.files.spans import Span
 from cellctl.kinematics import Floats
 
 FrameKind: TypeAlias = Literal["tool", "base"]
@@ -60,6 +61,8 @@ class Move:
     """One motion. place: in its file, unique. kind: PTP, LIN, CIRC or SPL, others as written. written_kind: in the
     program's words. start: index of the motion before, None where it is not certain. fault: why its points are not
     understood, else empty. other_way: why its way is no line or circle along which the tool turns evenly, else empty.
+    near: joint readings, deg, near which its posture is, None where the program states none. undivided: why no points
+    can be inserted on its way, else empty.
     """
 
     place: int
@@ -74,6 +77,8 @@ class Move:
     start: int | None
     fault: str = ""
     other_way: str = ""
+    near: Numbers | None = None
+    undivided: str = ""
 
     @property
     def uses(self) -> tuple[ProgramPoint, ...]:
@@ -108,6 +113,13 @@ class Insertion:
     base: Floats
     bound_mm: float
 
+    @property
+    def words(self) -> str:
+        """For the comment above the new motions."""
+        count = len(self.parts) - 1
+        within = f"the path is within {self.bound_mm:.3f} mm of the wanted one"
+        return f"cellctl: {count} point{'s' * (count > 1)} inserted, {within}"
+
 
 class Program(Protocol):
     """A program that was read."""
@@ -125,6 +137,11 @@ class Program(Protocol):
     @property
     def moves(self) -> tuple[Move, ...]:
         """All motions of the robot, in the order of the file."""
+        ...
+
+    @property
+    def own_calibration(self) -> bool:
+        """Whether the controller computes positions with its own arm's calibration, not with its maker's data sheet."""
         ...
 
     @property
@@ -168,7 +185,9 @@ class ProgramFiles(Protocol):
         ...
 
     def load(self, tool: Numbers | None, base: Numbers | None) -> Program:
-        """Read the program. tool, base: stated by a person, for all motions. Raises OSError."""
+        """Read the program. tool, base: stated by a person, for all motions. Raises OSError, and InputError where the
+        program is not of its language, or has no place for such a base.
+        """
         ...
 
 
@@ -184,6 +203,24 @@ class ProgramLanguage:
     name: str
     suffixes: tuple[str, ...]
     files: Callable[[Path, Path | None], ProgramFiles]
+
+
+def replacing(texts: Mapping[Span, str], added: Mapping[Span, str]) -> dict[Span, str]:
+    """`added` too, in place of the numbers inside its spans."""
+    kept = {
+        span: text
+        for span, text in texts.items()
+        if not any(place.start <= span.start and span.end <= place.end for place in added)
+    }
+    return kept | dict(added)
+
+
+def surroundings(text: str, span: Span) -> tuple[str, str]:
+    """White space before a motion in its line, and the end of line used there."""
+    before = text[: span.start].rpartition("\n")[2]
+    following = text[span.end :].partition("\n")
+    end = "\r\n" if following[0].endswith("\r") or (not following[1] and "\r\n" in text) else "\n"
+    return before if not before.strip() else "", end
 
 
 def is_new_folder(out: Path) -> bool:

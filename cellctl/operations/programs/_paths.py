@@ -77,8 +77,8 @@ def with_points_between(
         return path
     if path.move.angle_deg is not None:
         return replace(path, undivided="a circle with a circular angle is not divided")
-    if path.remarks:
-        return replace(path, undivided=path.remarks[0])
+    if reason := path.move.undivided or found.goals.no_positions or next(iter(path.remarks), ""):
+        return replace(path, undivided=reason)
     number = found.program.moves.index(path.move)
     start, robots = _start(found, path.move), _changed(found, path.move)[-1].parts[-1].goal.robots
     assert start is not None
@@ -188,5 +188,5 @@ def _insertion(found: CompensatedProgram, path: Path) -> Insertion | None:
     if path.between is None or len(path.between.sent) < 2:
         return None
     base = found.changed[path.move.uses[-1].key].parts[0].goal.base
-    assert base is not None
+    base = np.eye(4) if base is None else base  # joints
     return Insertion(path.move, path.between.sent, base, float(path.between.bound_mm.max()))
