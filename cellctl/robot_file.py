@@ -227,6 +227,11 @@ class RobotFile(BaseModel):
         return robot
 
     @property
+    def geometry_source(self) -> str:
+        """Whose numbers the nominal geometry is: the data sheet's, or the maker's calibration of this arm."""
+        return "data sheet" if self.calibration is None else f"maker's calibration ({self.calibration.file})"
+
+    @property
     def n(self) -> int:
         """Number of joints."""
         return len(self.links or self.screws)

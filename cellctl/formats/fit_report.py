@@ -116,6 +116,7 @@ def fit_report(measured: Measurements, result: FitResult, labels: Sequence[str] 
     return {
         **result.summary(),
         "measure": measured.measure,
+        "nominal_geometry": measured.robot.geometry_source,
         "groups": free_groups(result),
         "sessions": sessions(measured),
         "by": by_label(result, labels),
@@ -155,6 +156,8 @@ def _besides(measured: Measurements, result: FitResult) -> list[str]:
         sentences = ["σ: none, as this model states none"]
     else:
         sentences = [f"1 σ over {result.predicted_over}: {result.predicted_volumetric_rms:.3f} mm"]
+    if measured.robot.calibration is not None:
+        sentences.append(f"Nominal is the {measured.robot.geometry_source}, not the data sheet")
     if result.sigma_ok is False:
         sentences.append(f"Do not rely on σ: {result.sigma_reason}")
     if result.placing and result.placing.moved:

@@ -190,9 +190,11 @@ def _urdf_into(source: Source, into: Path, tip: str | None) -> tuple[bytes, list
 
 
 def _ur_calibration(source: Source, options: ExportOptions) -> tuple[str, list[str], dict[str, Any]]:
-    found = ur_calibration(source.nominal, source.robot, source.file, hash_of(options.into) if options.into else None)
+    own = source.nominal.calibration or source.robot.calibration
+    known = hash_of(options.into) if options.into else own.hash if own else None
+    found = ur_calibration(source.nominal, source.robot, source.file, known)
     notes = [f"not in this form: the TCP in tool0 is {_words(found.tcp)}; the base is {_words(found.base)}"]
-    if options.into is None:
+    if known is None:
         notes.append("the hash is not the controller's: the driver will report a mismatch; --into keeps that of a file")
     return found.text, notes, {"tcp_in_tool0": found.tcp.tolist(), "base": found.base.tolist()}
 

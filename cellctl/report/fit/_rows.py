@@ -59,6 +59,7 @@ def setup(story: FitStory) -> list[tuple[str, str]]:
     noise = float(result.identification.noise.max())
     pairs = [
         ("robot", f"{story.robot.name}, {story.robot.n} joints, {story.robot.convention}"),
+        ("nominal geometry", story.robot.geometry_source),
         ("rows", ", ".join(_counted(story))),
         (
             "points",
