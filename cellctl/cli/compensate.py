@@ -64,7 +64,9 @@ def compensate(
     model: Annotated[Path, typer.Argument(help="Model file, as a run or `cellctl fit --out` writes it.")],
     targets: Annotated[
         Path,
-        typer.Argument(help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby. Or a KRL program (.src)."),
+        typer.Argument(
+            help="CSV: X, Y, Z and A, B, C or QW…QZ; A1…An: posture nearby. Or a program: .src (KRL), .script (UR)."
+        ),
     ],
     method: Annotated[
         str, typer.Option(help=f"{', '.join(METHODS)}, or all: compare them.", metavar="METHOD")
@@ -77,10 +79,12 @@ def compensate(
     serial: Annotated[str | None, typer.Option(help="Serial of the controller, if no run names it.")] = None,
     json_: arguments.Json = None,
     config: Annotated[
-        Path | None, typer.Option(help="Program: the controller's $config.dat, with tools, bases.")
+        Path | None, typer.Option(help="KRL program: the controller's $config.dat, with tools, bases.")
     ] = None,
-    tool: Annotated[str | None, typer.Option(help="Program: its tool, X,Y,Z,A,B,C, without --config.")] = None,
-    base: Annotated[str | None, typer.Option(help="Program: its base, X,Y,Z,A,B,C, without --config.")] = None,
+    tool: Annotated[
+        str | None, typer.Option(help="Program: its tool, X,Y,Z,A,B,C, where it does not state it.")
+    ] = None,
+    base: Annotated[str | None, typer.Option(help="KRL program: its base, X,Y,Z,A,B,C, without --config.")] = None,
     path_tolerance: Annotated[
         float | None, typer.Option(min=0.001, help="Program: largest deviation on LIN and CIRC, mm. Default: 0.05.")
     ] = None,
@@ -93,7 +97,7 @@ def compensate(
 ) -> None:
     """Compute compensated joints for targets, as a table, or as CSV for -o FILE.csv.
 
-    Of a KRL program: the same program with compensated points, for -o FOLDER (docs/programs.md).
+    Of a KRL or URScript program: the same program with compensated points, for -o FOLDER (docs/programs.md).
 
     `cellctl table push` sends the table to the controller.
 

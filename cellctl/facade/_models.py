@@ -247,12 +247,12 @@ class Model:
         insert: bool = False,
         arm_only: bool = False,
     ) -> CompensatedProgram:
-        """Compensate the points of a KRL program, as `cellctl compensate program.src` does (docs/programs.md).
+        """Compensate the points of a program, as `cellctl compensate program.src` does (docs/programs.md).
 
-        program: the `.src`; its `.dat` is read too. config: `$config.dat`. tool, base: X, Y, Z (mm), A, B, C (deg),
-        where the program does not state them. path_tolerance_mm: deviation between the points; insert: add points where
-        it is larger. arm_only: take the tool from the program's data. Only for points made off-line: taught points
-        contain the robot's error already.
+        program: a KRL `.src`, whose `.dat` is read too, or a URScript `.script`. config: `$config.dat`. tool, base: X,
+        Y, Z (mm), A, B, C (deg), where the program does not state them. path_tolerance_mm: deviation between the
+        points; insert: add points where it is larger. arm_only: take the tool from the program's data. Only for points
+        made off-line: taught points contain the robot's error already.
 
         Raises InputError if no point can be changed, with all reasons.
         """

@@ -292,7 +292,7 @@ def _wanted(model: ModelFile, targets: Any, start: ArrayLike | None) -> Targets:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class CompensatedProgram:
-    """A KRL program with compensated points (docs/programs.md).
+    """A KRL or URScript program with compensated points (docs/programs.md).
 
     report: the JSON of `cellctl compensate program.src`: compensated `points`, places `left` as they were (file,
     line, reason), corrections, predicted errors, `paths` between the points; `files` is empty.
@@ -328,11 +328,11 @@ class CompensatedProgram:
 
     @property
     def texts(self) -> dict[str, bytes]:
-        """The changed files: `src`, and `dat` where the program has a data list."""
+        """The changed files: `src`, and `dat` where the program has a data list; `script`."""
         return self._found.texts()
 
     def save(self, out: str | Path) -> list[Path]:
-        """Write the changed files into a folder, or as a `.src` with its data list; returns their paths.
+        """Write the changed files into a folder, or as a program with its data list; returns their paths.
 
         Raises InputError where that would replace the program itself. Raises OSError.
         """

@@ -63,6 +63,22 @@ class Calibrated:
     apart_deg: float
 
 
+_MOC = re.compile(r"^MOC:CFG_|^MOTOR_CALIB:", re.MULTILINE)
+_CAL_OFFSET = re.compile(r'-name\s+"([^"]*)"(?:(?!-name)[^#])*?-cal_offset\s+(-?[\d.]+)')
+
+
+def refuse_motor_angles(path: Path) -> None:
+    """Raise InputError for ABB's `MOC.cfg`: names what is in it, and why it is not read."""
+    if path.suffix.lower() != ".cfg" or not path.is_file():
+        return
+    text = path.read_text("latin-1")
+    if not _MOC.search(text):
+        return
+    axes = ", ".join(f"{name} {offset}" for name, offset in _CAL_OFFSET.findall(text)) or "none"
+    what = f"is ABB's MOC.cfg: its cal_offset ({axes}) are angles of the motors, and its lengths are not described"
+    raise InputError(Problem(str(path), 0, 0, what, "start from the library's robot file (`cellctl robots`)"))
+
+
 def load_calibration(path: Path, sheet: RobotFile) -> Calibrated:
     """The robot of the data sheet `sheet` as its maker calibrated it.
 

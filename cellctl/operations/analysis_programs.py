@@ -71,10 +71,10 @@ def _parts(request: ProgramRequest) -> tuple[Path | None, Path]:
     paths = [Path(name) for name in request.files]
     config = next((path for path in paths if path.name.lower() == "config.dat"), None)
     rest = [path for path in paths if path != config]
-    main = [path for path in rest if path.suffix.lower() == ".src"] or rest
+    main = [path for path in rest if path.suffix.lower() in (".src", ".script")] or rest
     if len(main) != 1:
         names = ", ".join(path.name for path in paths) or "none"
-        cure = "one .src with its .dat and $config.dat, or one file with targets"
+        cure = "one .src with its .dat and $config.dat, one .script, or one file with targets"
         raise InputError(Problem(names, 0, 0, "is not one program", cure))
     return config, main[0]
 

@@ -24,7 +24,7 @@ from cellctl.formats.exports import (
     ur_calibration,
     urdf_into,
 )
-from cellctl.formats.makers_calibration import is_makers_calibration, load_calibration
+from cellctl.formats.makers_calibration import is_makers_calibration, load_calibration, refuse_motor_angles
 from cellctl.formats.urdf import load_urdf, urdf_text
 from cellctl.kinematics import Convention, Floats, TableConvention, abc_from_rotation
 
@@ -94,6 +94,7 @@ def read_source(
 
     Raises InputError where it is none, or states its repeatability.
     """
+    refuse_motor_angles(path)
     if is_makers_calibration(path):
         return _calibrated(path, repeatability, sheet)
     if sheet is not None:
@@ -111,7 +112,7 @@ def read_source(
         case ".csv":
             robot = load_dh_table(path, table)
         case _:
-            cure = "its name ends in .yaml (robot file), .json (model), .urdf or .csv (DH table)"
+            cure = "its name ends in .yaml (robot file), .json (model), .urdf, .csv (DH table) or .conf (UR)"
             raise InputError(Problem(str(path), 0, 0, "has a name of no known file type", cure))
     if repeatability is not None:
         if robot.repeatability is not None:

@@ -217,6 +217,27 @@ def test_a_calibration_needs_its_robot_and_nothing_else_does(folder, capsys):
     assert "is for a maker's calibration" in capsys.readouterr().err
 
 
+MOC = """MOC:CFG_1.0:6:0::
+#
+MOTOR_CALIB:
+
+      -name "rob1_1" -com_offset 1.5708 -valid_com_offset -cal_offset 3.1234 \\
+      -valid_cal_offset
+
+      -name "rob1_2" -cal_offset 0.5
+#
+ARM:
+      -name "rob1_1" -upper_joint_bound 2.8
+"""
+
+
+def test_abbs_angles_of_motors_are_named_and_not_read(folder, capsys):
+    (folder / "MOC.cfg").write_text(MOC)
+    assert cellctl("convert", "MOC.cfg", "--robot", "irb120", "--to", "poe") == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "cal_offset (rob1_1 3.1234, rob1_2 0.5) are angles of the motors" in said
+
+
 def test_a_fit_says_whose_geometry_nominal_is(folder, capsys):
     (folder / "calibration.conf").write_text(UR3_CONF)
     robot = converted("calibration.conf", "ur3")

@@ -175,7 +175,9 @@ async def delete(operator: Commander, name: AnalysisName) -> None:
 async def compensate(
     operator: Commander,
     name: AnalysisName,
-    files: Annotated[list[UploadFile], File(description="A .src with its .dat and $config.dat, or a file of targets")],
+    files: Annotated[
+        list[UploadFile], File(description="A .src with its .dat and $config.dat, a .script, or a file of targets")
+    ],
     tool: Annotated[str, Form(description="Tool of the program, X,Y,Z,A,B,C in mm and deg, without $config.dat")] = "",
     base: Annotated[str, Form(description="Base of the program, X,Y,Z,A,B,C in mm and deg")] = "",
     orientation: Annotated[str, Form(description="Convention of orientations in a table of targets")] = "",

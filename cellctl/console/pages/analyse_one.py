@@ -220,7 +220,8 @@ def programs(state: AnalysisState, field: Callable[[], None]) -> None:
     """A field for a program, and the programs compensated so far."""
     with section("Compensate a program"):
         ui.label(
-            "A KRL program (.src, with its .dat and $config.dat), or targets as CSV (X, Y, Z, A, B, C in the frame of "
+            "A KRL program (.src, with its .dat and $config.dat) or a URScript program (.script), or targets as CSV "
+            "(X, Y, Z, A, B, C in the frame of "
             "the measurements) or of a RAPID, FANUC or UR program. Only for points made off-line: points taught by "
             "hand with this robot contain its error already."
         ).classes("note").style("max-width: 60rem")
