@@ -70,7 +70,7 @@ SheetRobot = Annotated[
 AnyRobot = Annotated[
     Path,
     typer.Argument(
-        help="Robot file (.yaml), model (.json), .urdf, DH table (.csv), maker's calibration, or shipped name.",
+        help="Robot file (.yaml), model (.json), .urdf, DH table (.csv), maker's calibration, UR's cell, shipped name.",
         callback=_robot,
     ),
 ]

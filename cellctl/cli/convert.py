@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, final
@@ -15,6 +16,7 @@ from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import RobotFile
 from cellctl.formats.dataset import text_of
 from cellctl.kinematics import TableConvention
+from cellctl.operations.controller_calibration import controller_source, is_cell
 from cellctl.operations.exporting import ExportOptions, exported, read_source
 from cellctl.pendant_import import Imported, choices, imported, imported_targets
 
@@ -167,6 +169,8 @@ def convert(
     Example: cellctl convert kr5_r1400 --to urdf -o kr5.urdf
 
     Example: cellctl convert calibration.conf --robot ur10e --to mdh-hayati -o my_ur10e.yaml
+
+    Asked from a UR's controller: cellctl convert my_cell.yaml --to mdh-hayati -o my_ur10e.yaml
     """
     _refuse_options(robot, to, into, tip, table)
     if to is not Form.KUKA and (tool_number, base_number) != (None, None):
@@ -174,7 +178,12 @@ def convert(
     refuse_json_on_stdout(json_, out, "the robot")
     refuse_outputs({"--out": out, "--json": json_}, [robot, into, sheet])
     convention = _TABLES[table] if table else None
-    source = read_source(robot, tip if into is None else None, convention, repeatability, sheet)
+    if is_cell(robot):
+        if repeatability is not None:
+            raise typer.BadParameter("--repeatability is that of the cell's robot file")
+        source = asyncio.run(controller_source(robot, sheet))
+    else:
+        source = read_source(robot, tip if into is None else None, convention, repeatability, sheet)
     made = exported(source, to.value, ExportOptions(convention, into, tip, tool_number or 1, base_number or 1))
     if out:
         write_atomically(out, made.content)

@@ -15,6 +15,8 @@ from cellctl.devices._commissioning import CellSteps, Commissioned, Commissionin
 from cellctl.devices._points import Lock, Matrix3, MeasuredPoint, PointSource, Reflector, TwoFaceError, Vector3, Weather
 from cellctl.devices._protocols import (
     TABLE_CORRECTION_DEG,
+    ArmRows,
+    CalibratedArm,
     Contact,
     ContactProbe,
     CorrectingRobot,
@@ -67,6 +69,8 @@ from cellctl.devices.tables import (
 __all__ = [
     "TABLE_CORRECTION_DEG",
     "Address",
+    "ArmRows",
+    "CalibratedArm",
     "CellIO",
     "CellReadings",
     "CellSteps",

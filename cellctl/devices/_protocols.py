@@ -158,6 +158,26 @@ class JointReader(Device, Protocol):
         """Actual joint readings now. Raises DeviceLost."""
 
 
+@final
+@dataclass(frozen=True, slots=True)
+class ArmRows:
+    """Denavit-Hartenberg rows of an arm, Rz(θ + q) Tz(d) Tx(a) Rx(α): theta, alpha in rad, a, d in mm, by joint."""
+
+    theta: tuple[float, ...]
+    a: tuple[float, ...]
+    d: tuple[float, ...]
+    alpha: tuple[float, ...]
+
+
+@observes
+@runtime_checkable
+class CalibratedArm(Device, Protocol):
+    """A robot whose controller states the geometry that it computes with: its maker's calibration of the arm."""
+
+    async def arm_rows(self) -> ArmRows:
+        """The controller's own rows. Raises DeviceLost, DeviceUnreachable."""
+
+
 @runtime_checkable
 class MovingRobot(JointReader, Protocol):
     """A robot that moves from point to point."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import final
@@ -91,16 +92,31 @@ def load_calibration(path: Path, sheet: RobotFile) -> Calibrated:
         axes = reading_axes(replace(nominal, chain=chain))
     else:
         axes, known = _link_poses(path, nominal)
+    return _calibrated(str(path), sheet, axes, MakersCalibration(file=path.name, hash=known))
+
+
+def calibration_of_rows(links: Sequence[Link], controller: str, sheet: RobotFile) -> Calibrated:
+    """The robot of the data sheet `sheet` by rows (`mdh-hayati`) that its `controller` stated. Raises InputError."""
+    nominal = RobotDescription.of(sheet)
+    if len(links) != sheet.n:
+        raise InputError(Problem(controller, 0, 0, f"states {len(links)} rows for {sheet.n} joints", "give its robot"))
+    chain = SerialChain.from_links("mdh-hayati", links, nominal.chain.base, nominal.chain.tool)
+    axes = reading_axes(replace(nominal, chain=chain))
+    return _calibrated(controller, sheet, axes, MakersCalibration(file=controller))
+
+
+def _calibrated(name: str, sheet: RobotFile, axes: ReadingAxes, calibration: MakersCalibration) -> Calibrated:
+    """The robot of `sheet` by other axes; name: of the source in errors."""
+    nominal = RobotDescription.of(sheet)
     points = _nearest(reading_axes(nominal).points, axes)
     through = [JointAxis.through(point, along) for point, along in zip(points, axes.along, strict=True)]
     chain = SerialChain.from_axes(through, axes.flange, nominal.chain.base, nominal.chain.tool)
     joints = tuple(replace(joint, sign=1, offset=0.0) for joint in nominal.joints)
-    calibration = MakersCalibration(file=path.name, hash=known)
     robot = replace(nominal, chain=chain, joints=joints, calibration=calibration)
     apart = _apart(nominal, robot)
     if apart[0] > NEAR_MM or apart[1] > NEAR_DEG:
         what = f"is not of a {sheet.name}: an axis or the flange is {apart[0]:.1f} mm and {apart[1]:.1f}° from its"
-        raise InputError(Problem(str(path), 0, 0, what, "give the robot of this calibration with --robot"))
+        raise InputError(Problem(name, 0, 0, what, "give the robot of this calibration with --robot"))
     return Calibrated(robot, *apart)
 
 

@@ -24,7 +24,7 @@ from cellctl.formats.exports import (
     ur_calibration,
     urdf_into,
 )
-from cellctl.formats.makers_calibration import is_makers_calibration, load_calibration, refuse_motor_angles
+from cellctl.formats.makers_calibration import Calibrated, is_makers_calibration, load_calibration, refuse_motor_angles
 from cellctl.formats.urdf import load_urdf, urdf_text
 from cellctl.kinematics import Convention, Floats, TableConvention, abc_from_rotation
 
@@ -129,11 +129,14 @@ def _calibrated(path: Path, repeatability: float | None, sheet: Path | None) -> 
     if repeatability is not None:
         raise InputError(Problem("--repeatability", 0, 0, "is that of the robot of --robot", "leave it out"))
     nominal = RobotFile.load(sheet)
-    found = load_calibration(path, nominal)
-    note = (
-        f"the geometry is the maker's calibration of one arm, up to {found.apart_mm:.3f} mm and {found.apart_deg:.4f}° "
-    )
-    return Source(str(path), found.robot, RobotDescription.of(nominal), notes=(f"{note}from the data sheet",))
+    return calibrated_source(str(path), load_calibration(path, nominal), nominal)
+
+
+def calibrated_source(name: str, found: Calibrated, sheet: RobotFile) -> Source:
+    """A robot by its maker's calibration; name: of the file or the controller in errors."""
+    apart = f"{found.apart_mm:.3f} mm and {found.apart_deg:.4f}° from the data sheet's axes and flange"
+    note = f"the geometry is the maker's calibration of one arm, up to {apart}"
+    return Source(name, found.robot, RobotDescription.of(sheet), notes=(note,))
 
 
 def exported(source: Source, form: str, options: ExportOptions) -> Exported:

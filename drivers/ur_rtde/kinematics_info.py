@@ -9,9 +9,11 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import struct
+from dataclasses import dataclass
+from typing import final
 
 from cellctl.clock import Clock, Wire
-from cellctl.devices import DeviceLost, DeviceUnreachable
+from cellctl.devices import ArmRows, DeviceLost, DeviceUnreachable
 
 PORT = 30001
 _ROBOT_STATE, _KINEMATICS = 16, 5
@@ -40,8 +42,28 @@ def kinematics_of(state: bytes) -> bytes | None:
     return None
 
 
-async def read_calibration(device: str, host: str, clock: Clock, wire: Wire) -> str:
-    """SHA-256 of the kinematics, from a connection of its own; its bytes count on the robot's `wire`.
+@final
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """The kinematics' content as it was sent."""
+
+    content: bytes
+
+    @property
+    def digest(self) -> str:
+        """SHA-256."""
+        return hashlib.sha256(self.content).hexdigest()
+
+    @property
+    def rows(self) -> ArmRows:
+        """The six joints' rows."""
+        numbers = _CONTENT.unpack(self.content)[6:30]
+        theta, a, d, alpha = (numbers[start : start + 6] for start in range(0, 24, 6))
+        return ArmRows(theta, tuple(1000.0 * each for each in a), tuple(1000.0 * each for each in d), alpha)
+
+
+async def read_calibration(device: str, host: str, clock: Clock, wire: Wire) -> Calibration:
+    """The kinematics, from a connection of its own; its bytes count on the robot's `wire`.
 
     Raises DeviceUnreachable, DeviceLost.
     """
@@ -55,7 +77,7 @@ async def read_calibration(device: str, host: str, clock: Clock, wire: Wire) -> 
             content = None
             while content is None:
                 content = await _next_kinematics(reader, wire)
-        return hashlib.sha256(content).hexdigest()
+        return Calibration(content)
     except (ValueError, asyncio.IncompleteReadError) as error:
         raise DeviceLost(device, f"the primary interface at {host}:{PORT} states no kinematics: {error}") from error
     except (OSError, TimeoutError) as error:

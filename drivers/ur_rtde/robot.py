@@ -14,6 +14,7 @@ from typing import Final, final
 
 from cellctl.clock import Clock, MinimumDelayFit
 from cellctl.devices import (
+    ArmRows,
     DeviceError,
     DeviceFault,
     DeviceLost,
@@ -32,7 +33,7 @@ from cellctl.devices import (
 from drivers.seen_through import see_through
 from drivers.ur_rtde.dashboard import Dashboard
 from drivers.ur_rtde.jobs import Job, Jobs, Outcome, refusal
-from drivers.ur_rtde.kinematics_info import read_calibration
+from drivers.ur_rtde.kinematics_info import Calibration, read_calibration
 from drivers.ur_rtde.line import RtdeLine
 from drivers.ur_rtde.settings import FASTEST_DEG_S, UrLimits, UrPlace
 from drivers.ur_rtde.state import Sample
@@ -100,7 +101,7 @@ def cell_times(samples: Sequence[Sample]) -> tuple[int, ...]:
 
 @final
 class UrRobot(HostTableStore):
-    """A Universal Robots arm by its resident program: a CompensatedRobot, CurrentSource and Conditions.
+    """A Universal Robots arm by its resident program: a CompensatedRobot, CurrentSource, CalibratedArm and Conditions.
 
     `host_tables`: of no controller until it is connected.
     """
@@ -113,6 +114,7 @@ class UrRobot(HostTableStore):
         self._tables = tables
         self._clock, self._limits, self._place, self._digest = clock, limits, place, digest
         self._identity: Identity | None = None
+        self._calibration: Calibration | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._guards: dict[str, LastBeat] = {}
         self._stop = False
@@ -148,8 +150,8 @@ class UrRobot(HostTableStore):
             await self._jobs.open()
             self._jobs.set_stop(stop=self._stop)
             identity = await self._read_identity()
-            calibration = await read_calibration(self.name, self._place.host, self._clock, wire)
-            self.host_tables = self._tables.of(self.name, identity.serial, calibration)
+            self._calibration = await read_calibration(self.name, self._place.host, self._clock, wire)
+            self.host_tables = self._tables.of(self.name, identity.serial, self._calibration.digest)
             self._identity = identity
         except BaseException:
             await see_through(self._hang_up())
@@ -179,6 +181,12 @@ class UrRobot(HostTableStore):
         if condition not in _CONDITIONS:
             raise KeyError(condition)
         return not await self._obstacles()
+
+    async def arm_rows(self) -> ArmRows:
+        """The rows that the controller computes with, as it stated them when it was connected. Raises DeviceLost."""
+        if self._identity is None or self._calibration is None:
+            raise DeviceLost(self.name, "is not connected")
+        return self._calibration.rows
 
     # motion
 
