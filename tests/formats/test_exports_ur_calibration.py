@@ -14,27 +14,15 @@ from cellctl.formats.description import RobotDescription
 from cellctl.formats.exports import hash_of, ur_calibration
 from cellctl.kinematics import Link, SerialChain
 from tests.helpers.arms import by_axes, library_robot, perturbed
-from tests.helpers.own_model import X, Y, Z, assert_same_pose, slide, turn
+from tests.helpers.own_model import X, Z, assert_same_pose, slide, turn
+from tests.helpers.ur import FACTORY_DH, LINKS, tool0
 
 URS = ["ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e"]
-LINKS = ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
 
 
 def exported(model, known=None):
     nominal = RobotDescription.of(model.robot)
     return ur_calibration(nominal, RobotDescription.of(model.robot, model.robot_model().chain), "model.json", known)
-
-
-def tool0(text, readings_deg):
-    """`tool0` in the controller's base, mm, as the description package chains these numbers."""
-    links, here = yaml.safe_load(text)["kinematics"], np.eye(4)
-    for name, reading in zip(LINKS, readings_deg, strict=True):
-        row = links[name]
-        here = here @ slide([1000.0 * row[key] for key in "xyz"])
-        here = (
-            here @ turn(Z, row["yaw"]) @ turn(Y, row["pitch"]) @ turn(X, row["roll"]) @ turn(Z, math.radians(reading))
-        )
-    return here
 
 
 @pytest.mark.parametrize("name", URS)
@@ -51,18 +39,6 @@ def test_almost_parallel_axes_keep_every_number_near_the_makers_and_the_tcp_exac
     for readings in np.random.default_rng(1).uniform(-180.0, 180.0, (20, 6)):
         pose = model.robot_model().pose(robot.joint_map().model(readings))
         assert_same_pose(made.base @ tool0(made.text, readings) @ made.tcp, pose)
-
-
-FACTORY_DH = [
-    (-2.4147806894359e-07, 180.539811714259, 0.0212234865571206, 1.57014608044242),
-    (1.60233952386695, 439140.974079901, 19.3171326277006, 0.0013941666682559),
-    (-1.68607190752171, -446027.059806332, -569.251663611088, 0.00693818880325995),
-    (0.0837331147700119, 7060.3368964236, -0.0461409023720934, 1.56998468543761),
-    (-1.01260355871158e-07, 119.811341150314, -0.0639280053471802, -1.57038520649543),
-    (3.91986209186124e-08, 115.670917257426, 0.0, 0.0),
-]
-"""theta, d, a, alpha of a real UR10e's factory calibration, mm and rad, with links of 440 m: from the documentation of
-ur_calibration (Universal_Robots_ROS2_Driver, ur_calibration/doc/algorithm.rst)."""
 
 
 def test_a_factory_calibration_with_links_of_440_m_becomes_a_robot_of_its_size():

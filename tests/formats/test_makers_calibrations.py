@@ -12,9 +12,9 @@ import pytest
 import yaml
 
 from cellctl.formats import RobotFile
-from tests.formats.test_exports_ur_calibration import FACTORY_DH, tool0
 from tests.helpers.arms import cellctl, library_robot, perturbed
 from tests.helpers.own_model import X, Y, Z, slide, turn
+from tests.helpers.ur import FACTORY_DH, tool0
 
 UR3_CONF = """[mounting]
 delta_theta = [ 9.14361764983717684e-08, 0.178461025123001604, 6.68283349819805572, -0.578116982609792496, \

@@ -17,51 +17,9 @@ from cellctl.formats import ModelFile
 from cellctl.kinematics import Floats, inverse
 from cellctl.operations.programs import CompensatedFiles, ProgramOptions, compensate_files, program_files
 from cellctl.operations.programs._language import Move
-from cellctl.robot_file import MakersCalibration, RobotFile, Tool
-from tests.helpers.arms import library_robot, model_of
+from tests.helpers.ur import CHAIN, CORNER, HOME, MODEL, SET_TCP, SHEET, TOOL_MM, model, p, pose_at, q, shifted
 
-TOOL_MM = 150.0
-SHEET = library_robot("ur10e").model_copy(update={"tool": Tool(xyz=[0.0, 0.0, TOOL_MM])})
-ROBOT = SHEET.model_copy(update={"calibration": MakersCalibration(file="calibration.conf")})
-ERRORS = {"theta2": 4e-4, "theta3": -6e-4, "theta5": 5e-4, "a2": 0.4, "d4": -0.3}
-CORNER = np.array([10.0, -80.0, 100.0, -110.0, -90.0, 5.0])
-SET_TCP = f"  set_tcp(p[0, 0, {TOOL_MM / 1000}, 0, 0, 0])\n"
-
-
-def model(robot: RobotFile = ROBOT) -> ModelFile:
-    start = {"base": np.eye(4).tolist(), "tool": robot.chain().tool.tolist()}
-    return model_of(robot, ERRORS).model_copy(update={"start": start})
-
-
-MODEL = model()
 TRUE = MODEL.robot_model()
-CHAIN = ROBOT.chain()
-
-
-def six(pose: Floats) -> Floats:
-    """x, y, z, rx, ry, rz, m and rad, of a pose (4, 4), mm."""
-    return np.concatenate([pose[:3, 3] / 1000.0, Rotation.from_matrix(pose[:3, :3]).as_rotvec()])
-
-
-def pose_at(readings: Floats) -> Floats:
-    return CHAIN.forward(np.radians(readings))
-
-
-def shifted(dx: float, dy: float = 0.0, dz: float = 0.0) -> Floats:
-    found = pose_at(CORNER).copy()
-    found[:3, 3] += [dx, dy, dz]
-    return found
-
-
-def p(pose: Floats) -> str:
-    return f"p[{', '.join(f'{value:.12f}' for value in six(pose))}]"
-
-
-def q(readings: Floats) -> str:
-    return f"[{', '.join(f'{value:.12f}' for value in np.radians(readings))}]"
-
-
-HOME = q(CORNER - 5.0)
 
 
 def compensated(
@@ -227,8 +185,9 @@ def test_a_function_has_the_tool_of_its_calls_and_a_thread_has_none(tmp_path: Pa
     assert "differs" in moves(tmp_path, other, whole=True)[0].tool.reason
     changing = f"def part():\n  def sub():\n  {SET_TCP}  end\n{SET_TCP}  sub()\n  movej({HOME})\nend\n"
     assert "sub in line 6 may set it" in moves(tmp_path, changing, whole=True)[0].tool.reason
-    thread = f"def part():\n{SET_TCP}  thread t():\n    movej({HOME})\n  end\n  x = run t()\n  movej({HOME})\nend\n"
-    assert {each.tool.numbers for each in moves(tmp_path, thread, whole=True)} == {None}
+    for inside in (f"movej({HOME})", "set_tcp(T)", "sub()"):
+        thread = f"def part():\n{sub}{SET_TCP}  thread t():\n    {inside}\n  end\n  x = run t()\n  movej({HOME})\nend\n"
+        assert {each.tool.numbers for each in moves(tmp_path, thread, whole=True)} == {None}, inside
 
 
 def test_a_stated_tool_stands_for_that_of_the_program_and_not_for_several(tmp_path: Path) -> None:

@@ -201,6 +201,8 @@ def _edit(file: str, data: bytes, joint: UrdfJoint, origin: Floats) -> tuple[int
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _ROLLS = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
 """Roll of each link in the one before, deg, of every robot of this maker; pitch and yaw are 0."""
+_SAME_TURN_DEG = 5.0
+"""A calibrated arm's axes and zeros are up to a degree from the data sheet; another robot's are a quarter turn away."""
 _CURE = "give a model of a UR robot in its controller's base frame, as the library's (`cellctl robots`)"
 
 
@@ -260,7 +262,7 @@ def _nominal_frames(nominal: RobotDescription, file: str) -> list[Floats]:
     frames = [frame @ pose(np.eye(3), [0.0, 0.0, row.d]) for frame, row in zip(behind, chain.table.links, strict=True)]
     for name, roll, before, frame in zip(UR_LINKS, _ROLLS, [np.eye(4), *frames], frames, strict=False):
         apart = np.degrees(turned_by(pose_from_xyz_abc([0.0] * 3, [0.0, 0.0, roll]), inverse_pose(before) @ frame))
-        if apart > 1.0:
+        if apart > _SAME_TURN_DEG:
             what = f"is no UR robot: {name} is turned by {apart:.0f}° from where the description package has it"
             raise InputError(Problem(file, 0, 0, what, _CURE))
     return frames

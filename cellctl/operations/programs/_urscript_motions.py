@@ -167,23 +167,24 @@ class ScriptMotions:
 
     @cached_property
     def _threads_move(self) -> bool:
+        """Whether a thread moves the arm or sets the TCP: then nothing is certain of what the others do."""
+        found = {*KINDS, *_WITHOUT_POINT, "set_tcp"}
         threads = [each for each in self.file.functions.values() if each.kind == "thread"]
-        return any(
-            call.name in KINDS or call.name in _WITHOUT_POINT or self._sets_tools(call, set())
-            for thread in threads
-            for inner in thread.body
-            for call in calls_within(inner)
-        )
+        inner = [call for thread in threads for statement in thread.body for call in calls_within(statement)]
+        return any(self._leads_to(call, found, set()) for call in inner)
 
-    def _sets_tools(self, call: Call, seen: set[str]) -> bool:
-        """Whether a call may set the TCP."""
+    def _sets_tools(self, call: Call) -> bool:
+        return self._leads_to(call, {"set_tcp"}, set())
+
+    def _leads_to(self, call: Call, wanted: set[str], seen: set[str]) -> bool:
+        """Whether a call is one of the functions `wanted`, or calls one; seen: functions that were looked at."""
         function = self.file.functions.get(call.name)
         if function is None:
-            return call.name == "set_tcp"
+            return call.name in wanted
         if call.name in seen:
             return False
         inner = (each for statement in function.body for each in calls_within(statement))
-        return any(self._sets_tools(each, {*seen, call.name}) for each in inner)
+        return any(self._leads_to(each, wanted, {*seen, call.name}) for each in inner)
 
     def _body(self, body: Iterable[Statement], state: _State) -> _State:
         for statement in body:
@@ -218,7 +219,7 @@ class ScriptMotions:
         for call in again:
             if call.name == "set_tcp":
                 tool = _merged([tool, self._set_tcp(call, statement.line)])
-            elif self._sets_tools(call, set()):
+            elif self._sets_tools(call):
                 tool = uncertain_tool(f"{call.name} may set it, in a loop")
         moves = any(call.name in KINDS or not self._stays(call) for call in again)
         begin = _State(tool, None if moves else state.start, state.before)
@@ -234,7 +235,7 @@ class ScriptMotions:
             return replace(state, tool=self._set_tcp(call, statement.line))
         if call.name in self.file.functions:
             self._at_calls.setdefault(call.name, []).append(state)
-            changes = self._sets_tools(call, set())
+            changes = self._sets_tools(call)
             tool = uncertain_tool(f"{call.name} in line {statement.line} may set it") if changes else state.tool
             return _State(tool, before=state.before)
         if call.name in KINDS:  # inside another expression

@@ -195,7 +195,7 @@ class ScriptPoints:
             return f"{name} is not in this file"
         value = self.file.values[name]
         if value is None:
-            return f"{name} is assigned more than once, or is a parameter"
+            return f"{name} is assigned more than once, is a parameter, or stands in a line that is not understood"
         if not isinstance(value, Elements):
             return f"{name} is computed"
         if name in self._mentions:

@@ -98,7 +98,7 @@ def program(wanted, chain):
             ]
         else:
             seen = numbers(np.linalg.inv(feature) @ pose)
-            lines.append(f"movej(get_inverse_kin(pose_trans(Table, p[{seen}]), qnear={joints}), a=6, v=3)")
+            lines.append(f"movel(pose_trans(Table, p[{seen}]), a=3, v=1)")
         lines += ["sleep(0.3)", "textmsg(get_target_joint_positions())"]
     return "def part():\n" + "".join(f"  {line}\n" for line in lines) + "end\n"
 
