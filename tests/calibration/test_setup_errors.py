@@ -361,8 +361,8 @@ def test_touches_name_spheres_of_another_size(touches, touch_task, factor, words
 
 @pytest.mark.long
 def test_healthy_robots_are_never_refused():
-    """60 robots, each by positions, by poses, in 20 rows, with outliers, three times as wrong as tolerances allow."""
-    for seed in range(60):
+    """30 robots, each by positions, by poses, in 20 rows, with outliers, three times as wrong as tolerances allow."""
+    for seed in range(30):
         usual, sample = Measured(seed, 60), Measured(seed, 20)
         with_outliers, bad = (
             Measured(seed, 60, outliers=(2, 6, 18, 24)[seed % 4]),
@@ -496,8 +496,8 @@ def test_touches_with_a_tool_off_by_a_decimetre_are_this_robot_all_the_same(touc
 
 @pytest.mark.long
 def test_healthy_bad_and_noisy_robots_belong_to_their_rows():
-    """40 robots, each as it is; 5 and 15 times as wrong as tolerances; with lost mastering; in 10 mm of noise."""
-    for seed in range(40):
+    """20 robots, each as it is; 5 and 15 times as wrong as tolerances; with lost mastering; in 10 mm of noise."""
+    for seed in range(20):
         usual, bad = Measured(seed, 60, outliers=seed % 20), Measured(seed, 40, wrong=15.0, robot=UR10)
         lost = usual.readings + np.random.default_rng(seed).uniform(-10, 10, 6)
         noisy = usual.xyz + np.random.default_rng(seed).normal(0, 10.0, usual.xyz.shape)
@@ -513,7 +513,7 @@ def test_healthy_bad_and_noisy_robots_belong_to_their_rows():
 
 @pytest.mark.long
 def test_other_robots_and_shuffled_rows_do_not_belong_together():
-    for seed in range(20):
+    for seed in range(10):
         other, right = Measured(seed, 150, robot=UR10), Measured(seed, 40)
         mixed = right.xyz[np.random.default_rng(seed).permutation(40)]
         assert wide_fit(positions(KR5, other.readings, other.xyz), KR5, other.readings).unrelated

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cellctl.formats import ModelFile
-from tests.helpers.runs import cellctl
+from tests.helpers.runs import FASTEST, cellctl
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 
@@ -18,7 +18,8 @@ FEWER = {"touches_fit": 50, "touches_test": 8, "poses_fit": 30, "poses_test": 8,
 
 
 def test_a_cross_check_ends_in_a_verdict_with_both_models_and_replays_to_the_same(tmp_path: Path) -> None:
-    words = [word for name, value in FEWER.items() for word in ("--set", f"{name}={value}")]
+    settings = [*(f"{name}={value}" for name, value in FEWER.items()), *FASTEST]
+    words = [word for setting in settings for word in ("--set", setting)]
     ended = cellctl("run", "cross_check", "--seed", "1", *words, "--runs", tmp_path, "--json", tmp_path / "r.json")
     assert ended.returncode in (0, 1), ended.stderr
     result = json.loads((tmp_path / "r.json").read_text())

@@ -15,13 +15,13 @@ from cellctl.formats import ModelFile
 from cellctl.journal import JournalError, RunState, fold, read_journal
 from cellctl.records import BatchRow
 from tests.helpers.reports import Page
-from tests.helpers.runs import CELL, PATIENCE_S, ROOT, SELFCAL, cellctl, only_run
+from tests.helpers.runs import CELL, FASTEST, PATIENCE_S, ROOT, SELFCAL, cellctl, only_run
 from tests.helpers.simulated_data import volumetric_errors
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 
 SEED = 2
-GOAL = ("goal=0.14", "touches_test=20", "standoff_targets=10")
+GOAL = ("goal=0.14", "touches_test=20", "standoff_targets=10", *FASTEST)
 
 
 def settings(*more: str) -> list[str]:

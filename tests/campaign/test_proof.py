@@ -16,6 +16,7 @@ from cellctl.formats import ModelFile, RobotFile, TableFile
 from cellctl.operations.campaign import load_campaign
 from tests.helpers.runs import (
     CELL,
+    FASTEST,
     ROOT,
     SEED,
     SELFCAL,
@@ -40,6 +41,7 @@ def short_campaign(folder: Path, **settings: Any) -> Path:
     """The shipped procedure with few touches, and with other defaults where asked for."""
     text = SELFCAL.read_text().replace("cells/sphere_cell.yaml", str(ROOT / "procedures/cells/sphere_cell.yaml"))
     few = {"touches_fit": 24, "touches_test": 9, "standoff_targets": 6, "reference_every": 12, **settings}
+    few |= {name: value for name, _, value in (setting.partition("=") for setting in FASTEST)}
     for name, value in few.items():
         text, count = re.subn(rf"(\n  {name}: {{.*?default: )[^,]+", rf"\g<1>{value}", text)
         assert count == 1, f"the shipped procedure has no parameter {name}"

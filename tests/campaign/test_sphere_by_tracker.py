@@ -12,7 +12,7 @@ import pytest
 from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
 from procedures.steps.by_tracker.verdict import ByTrackerVerdict, JudgedPosesRow
-from tests.helpers.runs import cellctl
+from tests.helpers.runs import FASTEST, cellctl
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 
@@ -33,7 +33,8 @@ class Done:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     folder = tmp_path_factory.mktemp("by_tracker")
-    words = [word for name, value in FEWER.items() for word in ("--set", f"{name}={value}")]
+    settings = [*(f"{name}={value}" for name, value in FEWER.items()), *FASTEST]
+    words = [word for setting in settings for word in ("--set", setting)]
     result = folder / "result.json"
     ended = cellctl("run", "sphere_by_tracker", "--seed", str(SEED), *words, "--runs", folder, "--json", result)
     assert ended.returncode in (0, 1), ended.stderr

@@ -58,7 +58,7 @@ def run(images, tmp_path):
 
 def test_a_self_calibration_with_the_firmware_stands_off_within_a_twentieth_of_a_millimetre(run, tmp_path):
     # at the highest speeds: the processor's every cycle costs, and where a contact is measured does not depend on them
-    settings = ("touches_fit=50", "touches_test=12", "standoff_targets=10", *FASTEST)
+    settings = ("touches_fit=36", "touches_test=8", "standoff_targets=6", *FASTEST)
     words = [f"--set={setting}" for setting in settings]
     done = run(SELFCAL, "--json", tmp_path / "result.json", *words)
     assert done.returncode == 0, done.stderr

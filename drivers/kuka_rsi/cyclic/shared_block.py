@@ -23,7 +23,7 @@ GUARDS = 8
 """Guard slots; slot 0 is the engine's own heartbeat. A cell has few devices that guard a search: a probe, a door."""
 
 ROWS = 8192
-"""Samples in the ring: 32 s at 4 ms. The engine reads it every 20 ms, and may hang for less than a guard allows (0.25
+"""Samples in the ring: 32 s at 4 ms. The engine reads it every 0.1 s, and may hang for less than a guard allows (0.25
 s)."""
 
 _ROW_SLOTS = 3 + 2 * AXES

@@ -31,7 +31,7 @@ _FIRST_TELEGRAM_S = 2.0
 _SILENCE_S = 2.0
 """Both longer than a controller waits for answers (`LONGEST_TOLERANCE_MS`): its own message comes first, as code 31."""
 
-_POLL_S = 0.02
+_POLL_S = 0.1
 """Cell time between two readings of the ring."""
 
 _LOOK_S = 0.05
