@@ -83,7 +83,7 @@ def _model(report: dict[str, Any]) -> Iterator[str]:
     yield f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out."
     if report["predicted_volumetric_rms"] is not None:
         sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
-        yield f"Predicted over {report['predicted_over']}: {sure}."
+        yield f"Predicted over {report['predicted_over']}: {sure}; 95 % of places within {report['radius_95']:.2f} σ."
     if report["prior"] and not report["informed"]:
         yield "The measured region is still that of the prior model: these rows determined places, not the robot."
     if not report["converged"]:
@@ -304,9 +304,10 @@ def predict(
     Output columns: A1…An, X, Y, Z, A, B, C, sigma, sigma_among, seen. seen: 1 within the joints of the fit, 0 outside
     (extrapolated, with a larger σ). sigma: in the model's base frame; touches do not determine its heading and height.
     With `--frame points` it is relative to what was touched, as in `cellctl compensate`; for a model from an instrument
-    both are the same. sigma_among: of the rows relative to each other; empty for fewer than four rows. Optional columns
-    temperature, payload, payload_x…z and D1…Dn give the conditions of each row. A payload between those of the fit is
-    interpolated; one beyond them, or with another centre of gravity, is refused.
+    both are the same. sigma_among: of the rows relative to each other; empty for fewer than four rows. 95 % of places
+    are within σ times radius_95 of the JSON. Optional columns temperature, payload, payload_x…z and D1…Dn give the
+    conditions of each row. A payload between those of the fit is interpolated; one beyond them, or with another centre
+    of gravity, is refused.
 
     Example: cellctl predict model.json joints.csv -o tcp.csv
     """
@@ -318,7 +319,8 @@ def predict(
         write_atomically(out, found.text())
     else:
         to_stdout(found.text())
-    write_json({"rows": rows, "outside_region": outside, "file": str(out) if out else None}, json_)
+    figures = {"rows": rows, "outside_region": outside, "radius_95": found.radius_95}
+    write_json({**figures, "file": str(out) if out else None}, json_)
     if outside:
         seen = f"{outside} of {rows} rows lie outside the joints of the fit (seen = 0)"
         typer.echo(f"cellctl: {seen}: their σ is wider by what the model may be wrong by there", err=True)

@@ -29,7 +29,7 @@ from cellctl.calibration import (
 )
 from cellctl.calibration import Parameter as CalibrationParameter
 from cellctl.calibration.model.residual_model import PostureBasis
-from cellctl.calibration.problem.measured_region import OUTSIDE, Coverage
+from cellctl.calibration.problem.measured_region import OUTSIDE, Coverage, radius_95
 from cellctl.files import InputError, Problem, canonical_json, sha256_of, write_atomically
 from cellctl.files.validated import content_problems, read_json
 from cellctl.formats._joint_box import JointBox
@@ -173,7 +173,8 @@ class ModelFile(BaseModel):
     that were touched. datums: zeros of instruments that measured lengths. sessions: where there are several.
     load_region: payloads of the fit, where its rows state them.
     outside_mm: additional 1 σ, 3-D, of a prediction far outside the joint region; scatter_mm: of errors too fast for
-    the model; model_error_scale: factor on all of it (`MeasuredRegion`). figures: the fit's own figures. provenance:
+    the model; model_error_scale: factor on all of it, with its degrees_of_freedom, null where they are infinite
+    (`MeasuredRegion`). figures: the fit's own figures. provenance:
     SHA-256 of the inputs.
     """
 
@@ -194,6 +195,7 @@ class ModelFile(BaseModel):
     outside_mm: Number = 0.0
     scatter_mm: Number = 0.0
     model_error_scale: Annotated[Number, Field(ge=1.0, exclude_if=lambda scale: scale == 1.0)] = 1.0
+    degrees_of_freedom: Annotated[Number | None, Field(gt=0.0, exclude_if=lambda freedom: freedom is None)] = None
     figures: dict[str, Any]
     provenance: dict[str, str]
 
@@ -237,6 +239,7 @@ class ModelFile(BaseModel):
             outside_mm=result.region.outside_mm,
             scatter_mm=result.region.scatter_mm,
             model_error_scale=result.region.model_error_scale,
+            degrees_of_freedom=_finite(result.region.degrees_of_freedom),
             figures=result.summary(),
             provenance={"robot_sha256": sha256_of(robot.model_dump()), **(provenance or {})},
         )
@@ -358,7 +361,16 @@ class ModelFile(BaseModel):
         lower, upper = region.bounds(joints)
         coverage = region.coverage(joints)
         sizes = self.outside_mm, coverage, region.within, self.scatter_mm
-        return MeasuredRegion(lower, upper, *sizes, own, self.model_error_scale)
+        return MeasuredRegion(lower, upper, *sizes, own, self.model_error_scale, self.degrees_of_freedom or np.inf)
+
+    @property
+    def radius_95(self) -> float:
+        """95 % radius of a predicted place over its σ, 3-D: 1.61, and more where σ has few degrees of freedom."""
+        return radius_95(self.degrees_of_freedom or np.inf)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _loads(measured: Measurements, result: FitResult, prior: LoadRegion | None) -> LoadRegion | None:

@@ -23,14 +23,16 @@ class Predicted:
     """Predicted TCPs at N readings.
 
     readings (N, n), deg. poses (N, 4, 4), mm, in the model's frame. sigma_mm (N,): 1 σ, 3-D, NaN of a model that
-    states none; sigma_among_mm (N,): of the TCPs relative to each other, None for fewer than four. inside (N,): within
-    the measured region. assumed: conditions that the model needs and the rows do not state, one sentence each.
+    states none; sigma_among_mm (N,): of the TCPs relative to each other, None for fewer than four. radius_95: 95 %
+    radius of a place over its σ (`MeasuredRegion`). inside (N,): within the measured region. assumed: conditions that
+    the model needs and the rows do not state, one sentence each.
     """
 
     readings: Floats
     poses: Floats
     sigma_mm: Floats
     sigma_among_mm: Floats | None
+    radius_95: float
     inside: Bools
     assumed: tuple[str, ...]
 
@@ -74,6 +76,7 @@ def predict_rows(model: ModelFile, data: DataSet, *, frame: str = "base") -> Pre
         found.poses,
         found.sigma_mm,
         model.sigma(readings, at, kind="among") if len(readings) >= 4 else None,
+        model.radius_95,
         model.inside(readings),
         _assumed(model, at),
     )

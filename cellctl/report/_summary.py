@@ -10,7 +10,16 @@ from cellctl.devices.cell import ARTEFACT
 from cellctl.formats import DataSet
 from cellctl.journal import PushedTable
 from cellctl.report._run import Run
-from cellctl.report.budget import NOT_STATED, RULE, Budget, Contribution, Decision, dimensions_of, scatter_of_fit
+from cellctl.report.budget import (
+    COVERAGE,
+    NOT_STATED,
+    RULE,
+    Budget,
+    Contribution,
+    Decision,
+    dimensions_of,
+    scatter_of_fit,
+)
 from cellctl.report.figures import fixed, significant
 
 NOT_RECORDED = "not recorded"
@@ -169,7 +178,8 @@ def _budget(run: Run, of_sections: list[Contribution]) -> Budget | None:
     if not run.figures:
         return None
     dimensions = dimensions_of(str(run.figures.get("measure", "")))
-    return Budget.of([*_type_a(run, dimensions), *of_sections, *_type_b(run, dimensions)], dimensions)
+    parts = [*_type_a(run, dimensions), *of_sections, *_type_b(run, dimensions)]
+    return Budget.of(parts, dimensions, float(run.figures.get("radius_95", COVERAGE[3])))
 
 
 def _type_a(run: Run, dimensions: int) -> Iterator[Contribution]:

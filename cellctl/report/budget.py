@@ -15,7 +15,7 @@ from cellctl.report._run import Run
 
 NOT_STATED = "not stated"
 
-_COVERAGE = {1: 1.96, 3: 1.61}
+COVERAGE = {1: 1.96, 3: 1.61}
 """95 % of normal errors along a line are within 1.96 σ; of isotropic ones in space, within 1.61 times their 3-D RMS."""
 
 
@@ -50,15 +50,19 @@ class Contribution:
 @final
 @dataclass(frozen=True)
 class Budget:
-    """The contributions; dimensions: 1 if errors are measured along a line (touches), else 3."""
+    """The contributions; dimensions: 1 if errors are measured along a line (touches), else 3.
+
+    radius_95: coverage factor of a position; larger than 1.61 where its σ has few degrees of freedom.
+    """
 
     contributions: tuple[Contribution, ...]
     dimensions: int
+    radius_95: float = COVERAGE[3]
 
     @classmethod
-    def of(cls, contributions: Iterable[Contribution], dimensions: int) -> Self:
+    def of(cls, contributions: Iterable[Contribution], dimensions: int, radius_95: float = COVERAGE[3]) -> Self:
         """These contributions, type A first."""
-        return cls(tuple(sorted(contributions, key=lambda each: each.kind)), dimensions)
+        return cls(tuple(sorted(contributions, key=lambda each: each.kind)), dimensions, radius_95)
 
     @property
     def error_mm(self) -> float:
@@ -73,7 +77,7 @@ class Budget:
     @property
     def factors(self) -> tuple[float, float]:
         """The coverage factors for 95 %: of a measured error, of a position."""
-        return _COVERAGE[self.dimensions], _COVERAGE[3]
+        return COVERAGE[self.dimensions], self.radius_95
 
     @property
     def expanded_mm(self) -> tuple[float, float]:
@@ -206,7 +210,8 @@ IDENTIFICATION = (
         "the position that the model predicts, as `cellctl predict` states it; without the scatter of a measurement",
         "root of the sum of the three variances of X, Y, Z: covariance of the parameters, open variance of the "
         "residual models, scatter of errors too fast for the model, doubt outside the measured joints",
-        "1 σ, 3-D. Not 95 %: if alike in all directions, 95 % of the errors are within 1.61 times this value",
+        "1 σ, 3-D. Not 95 %: if alike in all directions, 95 % of the errors are within 1.61 times this value; within "
+        "more where rows at fixed points show that the model lacks something",
     ),
     Sigma(
         "σ after, in the table of postures",

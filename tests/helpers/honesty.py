@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -36,6 +37,7 @@ from cellctl.calibration import (
     identify,
     predict,
 )
+from cellctl.calibration.problem.measured_region import radius_95
 from cellctl.calibration.rows.type_rows import TypePrior
 from cellctl.calibration.verdict.reliability import Reliability
 from cellctl.kinematics import Link, SerialChain
@@ -182,7 +184,8 @@ class Honesty:
     what the fit's covariance says of it. off_scipy: greatest difference from SciPy's optimum in σ. strangest: greatest
     deviation found in σ of its prior, of what has one. left_out: of `rows` that were all clean; growth: of their σ;
     prior_scale: of the tolerances, by group. found_mm, stated_mm, among (M,), of `stated` ones: error and 1 σ of each
-    place, and whether it is among the measured postures, where nothing is added for being outside.
+    place, and whether it is among the measured postures, where nothing is added for being outside. radius_95: of a
+    place, over its σ.
     """
 
     nees: float
@@ -204,6 +207,12 @@ class Honesty:
     found_mm: Floats = field(default_factory=lambda: np.zeros(0))
     stated_mm: Floats = field(default_factory=lambda: np.zeros(0))
     among: Floats = field(default_factory=lambda: np.zeros(0))
+    radius_95: float = field(default_factory=radius_95)
+
+    @property
+    def places_inside(self) -> float:
+        """Share of the places in their 95 % region, the ellipsoid of that radius."""
+        return float(np.mean(self.place_nees <= 3.0 * self.radius_95**2))
 
 
 def honesty(draw: Draw, *, compared: bool = True, stated: bool = False) -> Honesty:
@@ -227,7 +236,7 @@ def honesty(draw: Draw, *, compared: bool = True, stated: bool = False) -> Hones
     each = zip(error, columns, besides, strict=True)
     places = np.array([squared(e, c @ fit.covariance @ c.T + s**2 * np.eye(3)) for e, c, s in each])
     volume = Volume.of(draw, arm, columns, fit.covariance, besides)
-    each_place: dict[str, Floats] = {}
+    each_place: dict[str, Any] = {}
     if stated:
         volume = replace(volume, factor=fit.region.model_error_scale * volume.factor)
         places = volume.squared(error)
@@ -235,6 +244,7 @@ def honesty(draw: Draw, *, compared: bool = True, stated: bool = False) -> Hones
             "found_mm": np.linalg.norm(volume.shape_of(error), axis=1),
             "stated_mm": np.sqrt(np.sum(volume.factor.reshape(len(error), -1) ** 2, axis=1)),
             "among": (fit.region.outside(draw.asked) == 0.0).astype(float),
+            "radius_95": fit.region.radius_95,
         }
     scipy_rms, off_scipy = _against_scipy(draw, fit, volume) if compared else (np.nan, np.nan)
     return Honesty(

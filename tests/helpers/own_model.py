@@ -96,18 +96,21 @@ class JointErrors:
         turn = q @ self.waves.T
         smooth = self.smooth * (np.cos(turn) @ self.shares[..., 0].T + np.sin(turn) @ self.shares[..., 1].T)
         encoder = sum(self.encoder[k] * np.sin((k + 1) * q + self.phase[k]) for k in range(2))
-        return np.asarray(smooth + encoder + self._sag(links(q)))
+        return np.asarray(smooth + encoder + self.yielding * gravity_shares(links(q)))
 
-    def _sag(self, poses: Floats) -> Floats:
-        """Torque of gravity about each joint, as a share of the greatest that its links stretched out would give."""
-        ends, result = poses[:, 1:, :3, 3], np.zeros((len(poses), len(self.yielding)))
-        for joint in np.flatnonzero(self.yielding):
-            axis, origin = poses[:, joint, :3, 2], poses[:, joint, :3, 3]
-            arms, weights = ends[:, joint:] - origin[:, None], MASSES[joint:]
-            torque = np.cross(arms, [0.0, 0.0, -1.0]) * weights[:, None]
-            most = float(np.sum(np.linalg.norm(arms, axis=2).max(axis=0) * weights))
-            result[:, joint] = self.yielding[joint] * np.sum(torque.sum(axis=1) * axis, axis=1) / max(most, 1e-9)
-        return result
+
+def gravity_shares(poses: Floats) -> Floats:
+    """Torque of gravity (N, n) about each joint that carries weight, of the greatest that its links stretched out would
+    give; 0 about others. poses: as of `JointErrors.at`.
+    """
+    ends, result = poses[:, 1:, :3, 3], np.zeros((len(poses), poses.shape[1] - 1))
+    for joint in CARRYING:
+        axis, origin = poses[:, joint, :3, 2], poses[:, joint, :3, 3]
+        arms, weights = ends[:, joint:] - origin[:, None], MASSES[joint:]
+        torque = np.cross(arms, [0.0, 0.0, -1.0]) * weights[:, None]
+        most = float(np.sum(np.linalg.norm(arms, axis=2).max(axis=0) * weights))
+        result[:, joint] = np.sum(torque.sum(axis=1) * axis, axis=1) / max(most, 1e-9)
+    return result
 
 
 def pose_of(rotation: Rotation, place: Sequence[float] | Floats) -> Floats:
@@ -175,10 +178,10 @@ class OwnArm:
     def flange(self, q: Floats) -> Floats:
         """Flange poses (N, 4, 4) at joint angles q (N, n)."""
         if self.joint_errors is not None:
-            q = q + self.joint_errors.at(q, self._upright)
-        return self.base @ self._upright(q)[:, -1]
+            q = q + self.joint_errors.at(q, self.links)
+        return self.base @ self.links(q)[:, -1]
 
-    def _upright(self, q: Floats) -> Floats:
+    def links(self, q: Floats) -> Floats:
         """The robot's base, z upwards, and the poses behind each of its joints in it (N, n + 1, 4, 4), at angles that
         the joints have.
         """

@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.helpers.own_model import ErrorsOfJoints, Floats, JointErrors
+from tests.helpers.own_model import ErrorsOfJoints, Floats, JointErrors, gravity_shares
 
 SIZES_RAD = (1e-4, 4e-4)
+HALF_SHARE = 0.3
+"""Of the greatest torque: there a stiffening joint has turned by 65 % of its size."""
 JOINTS = 6
 
 
@@ -117,3 +119,56 @@ JUDGING: Mapping[str, Callable[[int], ErrorsOfJoints]] = {
     "smooth": _smooth,
     "all three": JointErrors.drawn,
 }
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffening:
+    """Joints that carry weight turn under it, less and less the greater it is: size (n,), rad, under the greatest."""
+
+    size: Floats
+
+    @classmethod
+    def drawn(cls, seed: int) -> Stiffening:
+        """About as much as the compliant joints of the simulated world."""
+        return cls(np.random.default_rng([seed, 26]).uniform(*SIZES_RAD, JOINTS))
+
+    def at(self, q: Floats, links: Callable[[Floats], Floats]) -> Floats:
+        share = gravity_shares(links(q))
+        return np.asarray(self.size * (1.0 + HALF_SHARE) * share / (HALF_SHARE + np.abs(share)))
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedPlay:
+    """Play of joints that carry weight: the link rests on the side to which its weight pulls it. half (n,), rad."""
+
+    half: Floats
+
+    @classmethod
+    def drawn(cls, seed: int) -> LoadedPlay:
+        """A whole play of 0.005 to 0.015°."""
+        return cls(np.radians(np.random.default_rng([seed, 27]).uniform(0.0025, 0.0075, JOINTS)))
+
+    def at(self, q: Floats, links: Callable[[Floats], Floats]) -> Floats:
+        return np.asarray(self.half * np.tanh(gravity_shares(links(q)) / 0.05))
+
+
+def _soft(seed: int) -> ErrorsOfJoints:
+    return Together((Stiffening.drawn(seed), LoadedPlay.drawn(seed)))
+
+
+def _gears(seed: int) -> ErrorsOfJoints:
+    drawn = Kinked.drawn(seed)
+    return replace(drawn, size=0.5 * drawn.size)
+
+
+def _soft_with_gears(seed: int) -> ErrorsOfJoints:
+    return Together((_soft(seed), _gears(seed)))
+
+
+FLEXIBLE: Mapping[str, Callable[[int], ErrorsOfJoints]] = {
+    "stiffening": _soft,
+    "gears": _gears,
+    "both": _soft_with_gears,
+}
+"""Of robots that touch in a cell, whose model is `auto`: they tuned σ; compliance, gears and play of the flexible cell
+judge it."""

@@ -15,12 +15,12 @@ def cell():
 
 @pytest.fixture(scope="module")
 def planned(cell):
-    return cell.planned(12, 1)
+    return cell.planned([12], 1)
 
 
 def test_each_contact_is_on_the_true_sphere_but_for_the_scatter(cell, planned):
     world = PaperWorld.of(CELL, 1)
-    readings = contacts(world, planned)
+    readings = contacts(world.world, planned)
     assert len(readings) == 12
     (sphere,) = world.world.spheres
     distance = np.linalg.norm(world.points(readings) - sphere.centre, axis=1)
@@ -31,7 +31,7 @@ def test_each_contact_is_on_the_true_sphere_but_for_the_scatter(cell, planned):
 def test_without_scatter_each_contact_is_on_the_sphere(cell, planned):
     world = PaperWorld.of(CELL, 1, {"repeatability": 0.0})
     (sphere,) = world.world.spheres
-    distance = np.linalg.norm(world.points(contacts(world, planned)) - sphere.centre, axis=1)
+    distance = np.linalg.norm(world.points(contacts(world.world, planned)) - sphere.centre, axis=1)
     np.testing.assert_allclose(distance, sphere.touch_mm, atol=1e-6)
 
 

@@ -79,6 +79,7 @@ def figures(q: np.ndarray, xyz: np.ndarray, count: int) -> dict[str, Any]:
         "coverage": found.coverage_95,
         "stated": found.predicted_test_rms,
         "found": found.test.rms,
+        "sigma_ok": found.sigma_ok,
         "nominal score": score(found.nominal_errors, np.mean(own.errors(nominal) ** 2)),
         "auto score": score(found.test_errors, predicted.variance),
     }
@@ -92,7 +93,7 @@ def score(errors: np.ndarray, variance: np.ndarray | float) -> float:
 
 def line(name: str, each: list[dict[str, Any]]) -> str:
     """A line of the table: mean and range of the draws."""
-    of = {key: np.array([one[key] for one in each]) for key in each[0] if key not in ("case", "model")}
+    of = {key: np.array([one[key] for one in each]) for key in each[0] if key not in ("case", "model", "sigma_ok")}
     better = np.minimum(of["nominal"], of["geometry"])
     stated, found = np.sqrt(np.mean(of["stated"] ** 2)), np.sqrt(np.mean(of["found"] ** 2))
     ratios = of["stated"] / of["found"]

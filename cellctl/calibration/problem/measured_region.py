@@ -7,12 +7,23 @@ from typing import Protocol, Self, final
 
 import numpy as np
 
+from cellctl.calibration.distributions import chi2_ppf, f_isf
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.residual_model import PostureBasis, ResidualModel, left_among
 from cellctl.kinematics import Floats
 
 OUTSIDE = 0.5
 """A posture with more than this share of the variance left is outside."""
+
+
+def radius_95(degrees_of_freedom: float = np.inf) -> float:
+    """95 % radius over the 3-D RMS σ of errors that are alike in all directions: √F₃,ν(0.95), 1.61 where ν is infinite.
+
+    Errors whose σ is known within a factor (ν times its inverse square is χ²_ν) have a multivariate t distribution.
+    """
+    if np.isinf(degrees_of_freedom):
+        return float(np.sqrt(chi2_ppf(0.95, 3) / 3.0))
+    return float(np.sqrt(f_isf(0.05, 3, degrees_of_freedom)))
 
 
 class Coverage(Protocol):
@@ -39,6 +50,7 @@ class MeasuredRegion:
     σ, 3-D, mm: errors of the robot that change too fast for the model. residual_models: those of the model; the one
     with the larger share outside counts. model_error_scale: factor on the whole σ of a prediction
     (`RowsAtJoints.model_error_scale`); 1 where the rows show no model error, or an instrument measured some.
+    degrees_of_freedom: of that σ; infinite where the rows show no model error, or an instrument measured some.
     """
 
     lower: Floats
@@ -49,6 +61,7 @@ class MeasuredRegion:
     scatter_mm: float = 0.0
     residual_models: tuple[ResidualModel, ...] = ()
     model_error_scale: float = 1.0
+    degrees_of_freedom: float = np.inf
 
     @classmethod
     def of(
@@ -67,6 +80,11 @@ class MeasuredRegion:
         lower, upper = np.minimum(self.lower, angles.min(axis=0)), np.maximum(self.upper, angles.max(axis=0))
         coverage, within = self.coverage.joined(angles)
         return replace(self, lower=lower, upper=upper, coverage=coverage, within=within)
+
+    @property
+    def radius_95(self) -> float:
+        """95 % radius of a predicted place over its σ, 3-D, if its errors are alike in all directions."""
+        return radius_95(self.degrees_of_freedom)
 
     def sigma(self, q: Floats) -> Floats:
         """1 σ (N,), 3-D, mm, of a prediction at angles q (N, n), rad, besides the model's own."""

@@ -29,6 +29,7 @@ class _InstrumentRows(RowsAtJoints):
     datum: Any
 
     model_error_scale: ClassVar[float] = 1.0
+    model_error_freedom: ClassVar[float] = np.inf
 
     @property
     def zeros(self) -> Any:

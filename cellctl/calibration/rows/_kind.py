@@ -80,7 +80,7 @@ class RowsAtJoints(ABC):
     the fixed point. in_setup_check: whether the set-up check can judge such rows (`squared_misfits`, or `positions`);
     it leaves others out, and says so. model_error_scale: factor on σ of predictions where only such rows
     show that the model lacks something (decision 67): rows at fixed points show a part of what it lacks, the places of
-    the points and the geometry take up the rest.
+    the points and the geometry take up the rest. model_error_freedom: the degrees of freedom of that σ (decision 76).
     """
 
     at: At
@@ -98,7 +98,8 @@ class RowsAtJoints(ABC):
     visits_at_least: ClassVar[int] = 0
     at_point: ClassVar[bool] = False
     in_setup_check: ClassVar[bool] = False
-    model_error_scale: ClassVar[float] = 1.2
+    model_error_scale: ClassVar[float] = 1.25
+    model_error_freedom: ClassVar[float] = 8.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", Postures.of(self.at))

@@ -31,12 +31,10 @@ from cellctl.calibration.distributions import chi2_ppf
 from cellctl.calibration.effects import functions, kinds
 from cellctl.calibration.model.parameter import FRAMES, Parameter
 from cellctl.calibration.model.robot_model import RobotModel
+from cellctl.calibration.problem.measured_region import radius_95
 from cellctl.kinematics import Floats
 
 AgreementVerdict: TypeAlias = Literal["agree", "disagree", "not known"]
-
-RADIUS_95 = float(np.sqrt(chi2_ppf(0.95, 3) / 3.0))
-"""95 % radius of an isotropic normal distribution over its 3-D RMS σ: 1.61."""
 
 DETERMINED = 0.81
 """Of the sum of both variances after the rows, over that before: each σ fell by 10 % at least."""
@@ -201,7 +199,7 @@ def agreement(a: Calibration, b: Calibration, q: Floats, tool: Floats) -> Agreem
     back = (rows * values) @ both
     away = np.linalg.norm((back @ at).reshape(-1, 3), axis=1)
     sigma = np.sqrt(np.sum((back @ variance) * back, axis=1).reshape(-1, 3).sum(axis=1))
-    errors = away / (RADIUS_95 * sigma)
+    errors = away / (radius_95() * sigma)
     figures = AgreementFigures(
         within=float(np.mean(errors <= 1.0)),
         error_rms=_rms(errors),

@@ -139,6 +139,7 @@ class FitResult:
             "predicted_volumetric_rms": _stated(self.predicted_volumetric_rms),
             "scatter_mm": self.region.scatter_mm,
             "model_error_scale": self.region.model_error_scale,
+            "radius_95": self.region.radius_95,
             "distribution_free": self.distribution_free.summary(),
             "predicted_over": self.predicted_over,
             "verdict": self.verdict,

@@ -77,7 +77,8 @@ class Reliability:
         model = found.identified.state.model
         in_space = float(np.sqrt(3.0) * np.hypot(outside, _far_sigma(found)))
         region = MeasuredRegion.of(used.q, in_space, _scatter(found, used), model.residual_models)
-        return cls(tails, replace(region, model_error_scale=_model_error_scale(found, used)))
+        scale, freedom = _model_error(found, used)
+        return cls(tails, replace(region, model_error_scale=scale, degrees_of_freedom=freedom))
 
 
 def _tails_and_outside(task: Task, found: Identification, used: RowBlocks, most: float) -> tuple[float, float]:
@@ -128,10 +129,15 @@ def _scatter(found: Identification, used: RowBlocks) -> float:
     return float(np.sqrt(3.0 * min(excess, default=0.0)))
 
 
-def _model_error_scale(found: Identification, used: RowBlocks) -> float:
-    """`MeasuredRegion.model_error_scale`: the smallest of the kinds of rows. Others show what one kind does not."""
-    lacking = bool((found.noise > 1.0).any()) or bool(found.identified.state.model.residual_models)
-    return min((block.model_error_scale for block in used.blocks if len(block)), default=1.0) if lacking else 1.0
+def _model_error(found: Identification, used: RowBlocks) -> tuple[float, float]:
+    """`model_error_scale` and `degrees_of_freedom` of the region: those of the kind of row that shows the most.
+
+    Rows left out count: the search for outliers takes rows that a model error moved for outliers.
+    """
+    shown = (found.noise > 1.0).any() or found.outliers or found.identified.state.model.residual_models
+    kinds = [(block.model_error_scale, -block.model_error_freedom) for block in used.blocks if len(block)]
+    scale, freedom = min(kinds) if shown and kinds else (1.0, -np.inf)
+    return scale, -freedom
 
 
 def _far_sigma(found: Identification) -> float:

@@ -71,17 +71,20 @@ def figures(region: RegionSigma) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def bound_in_words(story: FitStory) -> str:
-    """The distribution-free bound of a new row's error, bin by bin, or why it is not known."""
+    """95 % radius of a place over its σ; the distribution-free bound of a new row's error by bin, or why it is not
+    known.
+    """
     bound = story.result.distribution_free
     what = "distance along the normal" if bound.along_normal else "place"
+    radius = f"95 % of places are within {story.result.region.radius_95:.2f} times their σ."
+    begin = f"{radius} Bound of the {what} of a new row without an assumed distribution"
     if not bound.bins:
-        return f"Bound of the {what} of a new row without an assumed distribution: not known ({bound.unknown})."
+        return f"{begin}: not known ({bound.unknown})."
     sizes = [
         f"{'not known' if np.isnan(mm) else f'{mm:.3f} mm'} where σ of the row is up to {each.sigma_to:.3f} mm"
         for each, mm in zip(bound.bins, bound.typical_mm, strict=True)
     ]
-    guarantee = f"CV+, {100.0 * bound.guarantee:.0f} % at least"
-    return f"Bound of the {what} of a new row without an assumed distribution ({guarantee}): {', '.join(sizes)}."
+    return f"{begin} (CV+, {100.0 * bound.guarantee:.0f} % at least): {', '.join(sizes)}."
 
 
 def curves(story: FitStory, region: RegionSigma) -> list[tuple[Floats, Floats]]:

@@ -41,7 +41,7 @@ def test_the_ends_of_the_links_are_those_of_an_independent_robot() -> None:
     assert content.posture
     q = np.radians([content.posture.readings]) * KR5_SIGNS
     arm = kr5()
-    expected = np.concatenate([arm._upright(q)[0], arm.poses(q)])
+    expected = np.concatenate([arm.links(q)[0], arm.poses(q)])
     np.testing.assert_allclose(content.posture.frames[:, :3, 3], expected[:, :3, 3], atol=1e-6)
 
 

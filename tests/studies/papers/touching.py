@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self, final
+from typing import Any, Protocol, Self, final
 
 import numpy as np
 import yaml
@@ -15,6 +16,8 @@ from cellctl.formats import DataSet, RobotFile, measurements
 from cellctl.formats.artefact import Artefact
 from cellctl.planning import PlannedTouch, Plate, RobotPostures, SphereTarget, plan_touches
 from cellctl.planning.ways import Reach
+from sims.world.drives import Backlash
+from sims.world.kinematics import Vector
 from tests.helpers.simulated_data import best_rigid
 from tests.studies.papers.world import Floats, PaperWorld
 
@@ -22,7 +25,7 @@ from tests.studies.papers.world import Floats, PaperWorld
 @final
 @dataclass(frozen=True, eq=False)
 class TouchCell:
-    """A cell file with one sphere, as cellctl reads it."""
+    """A cell file with spheres on a plate, as cellctl reads it."""
 
     file: Path
     robot: RobotFile
@@ -37,39 +40,49 @@ class TouchCell:
         robot = RobotFile.load(file.parent / cell["model"])
         return cls(file, robot, Artefact.model_validate(cell["artefact"]), postures)
 
-    def planned(self, count: int, seed: int) -> list[PlannedTouch]:
-        """The touches that a campaign of this seed plans."""
+    def planned(self, counts: Sequence[int], seed: int) -> list[PlannedTouch]:
+        """The touches that a campaign of this seed plans; counts: of each sphere."""
         low, high = self.robot.limits().T
-        (sphere,), plate = self.artefact.spheres, self.artefact.plate
+        plate, tip = self.artefact.plate, self.artefact.tip_radius
         assert plate
-        x, y, z = sphere.centre
-        target = SphereTarget(sphere.id, (x, y, z), sphere.diameter / 2.0 + self.artefact.tip_radius)
+        targets = [SphereTarget(each.id, each.centre, each.diameter / 2.0 + tip) for each in self.artefact.spheres]
         reach = Reach(tuple(low.tolist()), tuple(high.tolist()))
         return plan_touches(
             self.robot.chain(),
             self.robot.joint_map(),
             reach,
             self.postures,
-            [target],
-            [count],
+            targets,
+            counts,
             seed,
             plate=Plate(plate.z, plate.stem_radius),
         )
 
 
-def contacts(world: PaperWorld, touches: list[PlannedTouch]) -> Floats:
+class TouchedWorld(Protocol):
+    """What a touch needs of a `World`."""
+
+    @property
+    def backlash(self) -> Backlash | None: ...
+
+    def scatter(self, target: Sequence[float], attempt: int) -> Vector: ...
+
+    def gap(self, readings: Sequence[float], scatter: Vector) -> tuple[float, int]: ...
+
+
+def contacts(world: TouchedWorld, touches: Sequence[PlannedTouch]) -> Floats:
     """Readings (N, n), deg, at which the tip meets the sphere on each planned line; a line that misses is left out."""
     found = [_contact(world, np.array(touch.start), np.array(touch.end)) for touch in touches]
     return np.array([one for one in found if one is not None])
 
 
-def _contact(world: PaperWorld, start: Floats, end: Floats) -> Floats | None:
-    scatter = world.world.scatter(end.tolist(), 0)
-    play = world.world.backlash
+def _contact(world: TouchedWorld, start: Floats, end: Floats) -> Floats | None:
+    scatter = world.scatter(end.tolist(), 0)
+    play = world.backlash
     ahead = np.array(play.behind(np.sign(end - start).astype(int).tolist())) if play else np.zeros(len(start))
 
     def gap(share: float) -> float:
-        return world.world.gap((start + share * (end - start) + ahead).tolist(), scatter)[0]
+        return world.gap((start + share * (end - start) + ahead).tolist(), scatter)[0]
 
     if gap(0.0) <= 0.0 or gap(1.0) >= 0.0:
         return None
@@ -115,7 +128,7 @@ class Touched:
 
 def touched(cell: TouchCell, world: PaperWorld, fit_count: int, held_out: int) -> Touched:
     """`fit_count` + `held_out` touches of the world's robot, as the campaign plans them, in random order."""
-    readings = contacts(world, cell.planned(fit_count + held_out, world.seed))
+    readings = contacts(world.world, cell.planned([fit_count + held_out], world.seed))
     return Touched(cell, readings[world.draws("order").permutation(len(readings))], held_out)
 
 
