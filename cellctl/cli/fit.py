@@ -83,7 +83,8 @@ def _model(report: dict[str, Any]) -> Iterator[str]:
     yield f"Model {report['model']}; {seen}; {report['n_fit']} rows to fit, {report['n_test']} held out."
     if report["predicted_volumetric_rms"] is not None:
         sure = f"{report['predicted_volumetric_rms']:.3f} mm (1 σ, 3-D, rigid motion removed)"
-        yield f"Predicted over {report['predicted_over']}: {sure}; 95 % of places within {report['radius_95']:.2f} σ."
+        wider = f"; 95 % of places within {report['radius_95']:.2f} σ" if report["model_error_scale"] > 1.0 else ""
+        yield f"Predicted over {report['predicted_over']}: {sure}{wider}."
     if report["prior"] and not report["informed"]:
         yield "The measured region is still that of the prior model: these rows determined places, not the robot."
     if not report["converged"]:

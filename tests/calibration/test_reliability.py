@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import PositionRows, Split, Task, fit, prediction_sigma
+from cellctl.calibration.problem.measured_region import radius_95
 from cellctl.formats import nominal_model
 from tests.helpers.honesty import fitted as fit_of
-from tests.helpers.simulated_setups import positions, sph
+from tests.helpers.simulated_setups import positions, sph, with_wild_rows
 from tests.helpers.unmodelled import TUNING
 
 SIGMA, FIT, HELD_OUT = 0.02, 900, 1000
@@ -72,3 +73,18 @@ def test_touches_that_show_a_model_error_enlarge_every_sigma_and_positions_do_no
         for region in (touched.region, replace(touched.region, model_error_scale=1.0))
     )
     np.testing.assert_allclose(scaled, 1.25 * plain)
+    assert touched.region.radius_95 == pytest.approx(radius_95(8.0))
+    assert [each.region.radius_95 for each in (clean, seen)] == [radius_95(), radius_95()]
+
+
+def test_a_touch_that_is_left_out_may_be_a_model_error_and_enlarges_sigma():
+    with_outliers = fit_of(with_wild_rows(sph(1), 15.0))
+    assert with_outliers.left_out
+    assert (with_outliers.growth, with_outliers.region.model_error_scale) == (1.0, 1.25)
+
+
+def test_errors_of_an_unknown_scale_are_within_the_radius_of_its_degrees_of_freedom_with_95_percent():
+    rng = np.random.default_rng(2)
+    scale = np.sqrt(8.0 / rng.chisquare(8.0, 100_000))
+    lengths = np.linalg.norm(rng.normal(size=(100_000, 3)), axis=1) * scale
+    assert np.mean(lengths <= radius_95(8.0) * np.sqrt(3.0)) == pytest.approx(0.95, abs=0.003)

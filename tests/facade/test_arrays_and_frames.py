@@ -63,6 +63,7 @@ def test_predictions_are_near_the_true_robot(model, columns):
     assert np.linalg.norm(found.positions - ElbowArm().tcp(q), axis=1).max() < 0.05
     assert found.inside.all()
     assert (found.sigma_mm > 0.0).all()
+    np.testing.assert_allclose(found.radius_95_mm, 1.614 * found.sigma_mm, rtol=1e-3)
     assert found.sigma_mm[0] < model.predict(np.array([170.0, 100.0, 100.0])).sigma_mm[0]
 
 

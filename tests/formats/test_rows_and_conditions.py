@@ -140,8 +140,10 @@ def test_a_model_file_without_postures_doubts_by_the_square_of_the_distance_in_h
 
 def test_the_factor_for_a_model_error_that_touches_do_not_show_is_in_the_file_and_in_sigma():
     plain = kr5_model()
-    scaled = ModelFile.model_validate({**plain.model_dump(), "model_error_scale": 1.5})
+    scaled = ModelFile.model_validate({**plain.model_dump(), "model_error_scale": 1.5, "degrees_of_freedom": 8.0})
     readings = np.array([[0.0, -70.0, 80.0, 0.0, 60.0, 0.0]])
     np.testing.assert_allclose(scaled.sigma(readings), 1.5 * plain.sigma(readings))
-    assert "model_error_scale" in scaled.text()
-    assert "model_error_scale" not in plain.text()
+    assert scaled.radius_95 > plain.radius_95 == pytest.approx(1.614, abs=1e-3)
+    for name in ("model_error_scale", "degrees_of_freedom"):
+        assert name in scaled.text()
+        assert name not in plain.text()

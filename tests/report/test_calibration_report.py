@@ -106,6 +106,7 @@ def test_the_budget_adds_squares_and_a_line_counts_root_three_in_space():
     assert budget.error_mm == pytest.approx(0.005)
     assert budget.position_mm == pytest.approx(np.sqrt(3 * 0.005**2 + 0.02**2))
     assert budget.expanded_mm == pytest.approx((1.96 * 0.005, 1.61 * budget.position_mm))
+    assert Budget.of(parts, 1, 2.02).expanded_mm == pytest.approx((1.96 * 0.005, 2.02 * budget.position_mm))
     assert [each.kind for each in budget.contributions] == ["A", "A", "B", "B"]
     assert list(budget.missing) == ["temperature"]
 
