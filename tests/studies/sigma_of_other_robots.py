@@ -11,8 +11,10 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from json import loads
 from pathlib import Path
+from sys import stderr
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -98,7 +100,7 @@ def touching(case: str, seed: int) -> Row:
 
 def visited(robot: str, split: tuple[str, ...]) -> Row:
     """Of visits in sockets 50 mm apart."""
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, redirect_stdout(stderr):
         file, report = with_ball(robot, Path(folder)), Path(folder) / "fit.json"
         cellctl("fit", file, Path(folder) / f"{robot}.csv", "--spacing", "0,1=50±0.05", "--json", report, *split)
         one = loads(report.read_text(encoding="utf-8"))
