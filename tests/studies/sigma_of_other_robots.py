@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from cellctl.calibration import Split, fit
+from cellctl.kinematics import Floats
 from cellctl.kinematics.low_discrepancy import spread_over
 from tests.helpers.honesty import rigid_motions, task_of
 from tests.helpers.real_data import cellctl, with_ball
@@ -124,7 +125,7 @@ def bounded(setup: str, seed: int) -> Row:
 def others(rows: list[Row]) -> list[str]:
     """The table of other robots."""
     lines = [
-        "| robot | size | in the 95 % region | found (mm) | stated / found | within 0.5 … 2 | `sigma_ok` |",
+        "| robot | robots or draws | in the 95 % region | found (mm) | stated / found | within 0.5 … 2 | `sigma_ok` |",
         "|---|---|---|---|---|---|---|",
     ]
     for robot, case in dict.fromkeys((row["robot"], row["case"]) for row in rows if row["robot"] != "bound"):
@@ -135,14 +136,18 @@ def others(rows: list[Row]) -> list[str]:
         cells = (
             f"{robot}, {case}",
             f"{len(mine)}",
-            f"{100.0 * inside.mean():.1f} % ({100.0 * inside.min():.0f} … {100.0 * inside.max():.0f})",
+            f"{100.0 * inside.mean():.1f} %{_range(100.0 * inside, 0)}",
             f"{np.sqrt(np.mean(found**2)):.3f}",
-            f"{np.sqrt(np.sum(stated**2) / np.sum(found**2)):.2f} ({ratios.min():.2f} … {ratios.max():.2f})",
+            f"{np.sqrt(np.sum(stated**2) / np.sum(found**2)):.2f}{_range(ratios, 2)}",
             f"{100.0 * np.mean((ratios >= 0.5) & (ratios <= 2.0)):.0f} %",
             ", ".join(f"{said.count(is_ok)} {name}" for is_ok, name in SAID.items() if is_ok in said),
         )
         lines.append(f"| {' | '.join(cells)} |")
     return lines
+
+
+def _range(values: Floats, digits: int) -> str:
+    return f" ({values.min():.{digits}f} … {values.max():.{digits}f})" if len(values) > 1 else ""
 
 
 SAID = {True: "true", False: "false", None: "not known"}
