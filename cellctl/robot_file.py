@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeAlias, final
+from typing import Annotated, Any, Literal, Protocol, Self, TypeAlias, final
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer
@@ -13,10 +13,22 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, SerializerFunc
 from cellctl.files import Document, InputError, Problem, load_yaml
 from cellctl.files.kinds import ROBOT
 from cellctl.files.validated import validated
-from cellctl.kinematics import Floats, JointAxis, JointMap, Link, SerialChain, pose_from_xyz_abc, rotation_from_abc
+from cellctl.kinematics import (
+    Floats,
+    JointAxis,
+    JointMap,
+    JointUnit,
+    Link,
+    SerialChain,
+    pose_from_xyz_abc,
+    rotation_from_abc,
+)
 
 _FORMS = {"mdh-hayati": ("links",), "dh-craig": ("links",), "poe": ("screws", "home")}
 """The sections with a robot's geometry, by convention."""
+
+LEAST_TRAVEL_MM = 10.0
+"""A prismatic joint that reaches no further was written in metres: rails, lifts and quills travel further."""
 
 PARALLEL_DEG = 1.0
 """Axes at a smaller angle to each other count as parallel."""
@@ -67,14 +79,27 @@ class ScrewRow(BaseModel):
 
 @final
 class JointRow(BaseModel):
-    """One joint: model angle = sign · reading + offset; limits in controller readings. deg, deg/s."""
+    """One joint: model coordinate = sign · reading + offset; limits in controller readings. deg, deg/s; mm, mm/s of a
+    prismatic joint.
+    """
 
     model_config = _STRICT
+    type: Annotated[Literal["revolute", "prismatic"], Field(exclude_if=lambda kind: kind == "revolute")] = "revolute"
     sign: Literal[1, -1] = 1
-    offset: Angle = 0.0
+    offset: Annotated[float, Field(allow_inf_nan=False, ge=-100_000, le=100_000)] = 0.0
     min: Annotated[float, Field(allow_inf_nan=False, ge=-100_000, le=100_000)]
     max: Annotated[float, Field(allow_inf_nan=False, ge=-100_000, le=100_000)]
     max_speed: Positive
+
+    @property
+    def prismatic(self) -> bool:
+        """Whether it slides along its axis."""
+        return self.type == "prismatic"
+
+    @property
+    def unit(self) -> JointUnit:
+        """The unit of its reading, as people read it."""
+        return "mm" if self.prismatic else "°"
 
 
 @final
@@ -240,9 +265,22 @@ class RobotFile(BaseModel):
         """The nominal chain: links or axes, base and tool as in the file."""
         base, tool = _pose(self.base), _pose(self.tool)
         if self.convention == "poe":
-            axes = [JointAxis.through(row.point, row.axis) for row in self.screws]
+            axes = [
+                JointAxis.through(row.point, row.axis, prismatic=joint.prismatic)
+                for row, joint in zip(self.screws, self.joints, strict=True)
+            ]
             return SerialChain.from_axes(axes, _pose(self.home or Frame()), base, tool)
-        return SerialChain.from_links(self.convention, [_link(row) for row in self.links], base, tool)
+        links = [_link(row, joint.prismatic) for row, joint in zip(self.links, self.joints, strict=True)]
+        return SerialChain.from_links(self.convention, links, base, tool)
+
+    @property
+    def prismatic(self) -> tuple[int, ...]:
+        """Numbers, from 1, of its prismatic joints."""
+        return prismatic_numbers(self.joints)
+
+    def refuse_prismatic(self, file: str, what: str) -> None:
+        """`refuse_prismatic` for this robot."""
+        refuse_prismatic(self.name, self.prismatic, file, what)
 
     def down(self) -> tuple[float, float, float]:
         """Direction of weight in the robot's own base frame (behind `base`): a unit vector."""
@@ -252,15 +290,19 @@ class RobotFile(BaseModel):
         return x, y, z
 
     def joint_map(self) -> JointMap:
-        """Controller readings (deg) to model angles (rad) and back."""
-        return JointMap.from_lists([joint.sign for joint in self.joints], [joint.offset for joint in self.joints])
+        """Controller readings (deg, mm) to model coordinates (rad, m) and back."""
+        return JointMap.from_lists(
+            [joint.sign for joint in self.joints],
+            [joint.offset for joint in self.joints],
+            [joint.prismatic for joint in self.joints],
+        )
 
     def limits(self) -> Floats:
-        """Joint limits (n, 2) in controller readings, deg: lower, upper."""
+        """Joint limits (n, 2) in controller readings, deg or mm: lower, upper."""
         return np.array([[joint.min, joint.max] for joint in self.joints])
 
     def max_speeds(self) -> Floats:
-        """Greatest joint speeds (n,), deg/s."""
+        """Greatest joint speeds (n,), deg/s or mm/s."""
         return np.array([joint.max_speed for joint in self.joints])
 
     @model_serializer(mode="wrap")
@@ -271,9 +313,33 @@ class RobotFile(BaseModel):
         return {name: value for name, value in serialize(self).items() if name not in absent}
 
 
-def _link(row: LinkRow) -> Link:
+class _Kinded(Protocol):
+    @property
+    def prismatic(self) -> bool: ...
+
+
+def prismatic_numbers(joints: Iterable[_Kinded]) -> tuple[int, ...]:
+    """Numbers, from 1, of the prismatic ones of a robot's joints."""
+    return tuple(number for number, joint in enumerate(joints, 1) if joint.prismatic)
+
+
+def refuse_prismatic(robot: str, prismatic: Sequence[int], file: str, what: str) -> None:
+    """Raise InputError where a robot has prismatic joints (from 1), and `what` cannot have any.
+
+    robot: its name; file: named in the error; what: as "a compensation table".
+    """
+    if not prismatic:
+        return
+    one = len(prismatic) == 1
+    joints = f"joint{'' if one else 's'} {', '.join(map(str, prismatic))}"
+    cure = "give a robot file of the arm alone, with `base` at the place of its carriage"
+    words = f"{joints} of {robot} {'is' if one else 'are'} prismatic: {what} has revolute joints only"
+    raise InputError(Problem(file, 0, 0, words, cure))
+
+
+def _link(row: LinkRow, prismatic: bool) -> Link:
     beta = None if row.beta is None else math.radians(row.beta)
-    return Link(math.radians(row.theta), row.d, row.a, math.radians(row.alpha), beta)
+    return Link(math.radians(row.theta), row.d, row.a, math.radians(row.alpha), beta, prismatic)
 
 
 def _pose(frame: Frame | Tool) -> Floats:
@@ -300,7 +366,14 @@ def form_problems(document: Document) -> list[Problem]:
 
 def contradictions(document: Document, robot: RobotFile) -> list[Problem]:
     """Errors in well-formed content."""
-    return [*_counts(document, robot), *_limits(document, robot), *_table(document, robot), *_axes(document, robot)]
+    return [
+        *_counts(document, robot),
+        *_limits(document, robot),
+        *_offsets(document, robot),
+        *_travels(document, robot),
+        *_table(document, robot),
+        *_axes(document, robot),
+    ]
 
 
 def _counts(document: Document, robot: RobotFile) -> list[Problem]:
@@ -316,6 +389,29 @@ def _limits(document: Document, robot: RobotFile) -> list[Problem]:
         document.problem(("joints", index, "min"), f"joint {index + 1}: min {row.min:g} is not below max {row.max:g}")
         for index, row in enumerate(robot.joints)
         if row.min >= row.max
+    ]
+
+
+def _offsets(document: Document, robot: RobotFile) -> list[Problem]:
+    return [
+        document.problem(
+            ("joints", index, "offset"), f"joint {index + 1}: offset {row.offset:g} is not from -360 to 360"
+        )
+        for index, row in enumerate(robot.joints)
+        if not row.prismatic and abs(row.offset) > 360.0
+    ]
+
+
+def _travels(document: Document, robot: RobotFile) -> list[Problem]:
+    """Prismatic joints whose limits are as small as metres are."""
+    return [
+        document.problem(
+            ("joints", index, "max"),
+            f"joint {index + 1}: {row.min:g}…{row.max:g} looks like metres",
+            "write travel limits in mm, max_speed in mm/s",
+        )
+        for index, row in enumerate(robot.joints)
+        if row.prismatic and row.min < row.max and max(-row.min, row.max) < LEAST_TRAVEL_MM
     ]
 
 

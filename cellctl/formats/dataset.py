@@ -194,6 +194,9 @@ def _check_header(header: tuple[str, ...], file: str, line: int) -> None:
 BEYOND_LIMITS_DEG = 5.0
 """A joint reading further than this outside the robot file's limits cannot be this robot's."""
 
+BEYOND_TRAVEL_MM = 50.0
+"""The same for a prismatic joint."""
+
 BEYOND = 5e5
 """No number of a data set is larger: 500 m, where all lengths are mm. A larger one would dominate all other rows."""
 
@@ -259,19 +262,21 @@ class Sieve:
 
 
 def joint_readings(sieve: Sieve, robot: RobotFile) -> Floats:
-    """Controller readings (N, n), deg, from `A1…An` (deg) or `q1…qn` (rad); NaN in rejected rows.
+    """Controller readings (N, n), deg, from `A1…An` (deg) or `q1…qn` (rad); NaN in rejected rows. Of a prismatic joint
+    mm, from mm or m.
 
-    Raises InputError where neither kind is complete, or both are there, or `q1…qn` hold degrees.
+    Raises InputError where neither kind is complete, or both are there, or `q1…qn` hold degrees or mm.
     """
     degrees, radians = ([f"{letter}{number}" for number in range(1, robot.n + 1)] for letter in "Aq")
     names = _one_kind(sieve.data, degrees, radians)
     readings = np.array([sieve.numbers(name) for name in names]).T
     if names is radians:
         _refuse_degrees(sieve, robot, readings, names)
-        readings = np.rad2deg(readings)
+        _refuse_mm(sieve, robot, readings, names)
+        readings = robot.joint_map().in_reading_units(readings)
     for row, joint in np.argwhere(_beyond_limits(robot, readings)):
-        limits = robot.joints[joint]
-        what = f"{names[joint]} is {readings[row, joint]:.6g}°, outside {limits.min:g}…{limits.max:g}°"
+        limits, unit = robot.joints[joint], robot.joints[joint].unit.replace("mm", " mm")
+        what = f"{names[joint]} is {readings[row, joint]:.6g}{unit}, outside {limits.min:g}…{limits.max:g}{unit}"
         sieve.reject(int(row), what)
     return readings
 
@@ -289,7 +294,8 @@ def joints_of(data: DataSet) -> tuple[int, str]:
 def _beyond_limits(robot: RobotFile, degrees: Floats) -> Bools:
     """Which readings (N, n) this robot cannot have; NaN counts as possible."""
     limits = robot.limits()
-    return np.asarray(np.maximum(degrees - limits[:, 1], limits[:, 0] - degrees) > BEYOND_LIMITS_DEG)
+    beyond = np.array([BEYOND_TRAVEL_MM if joint.prismatic else BEYOND_LIMITS_DEG for joint in robot.joints])
+    return np.asarray(np.maximum(degrees - limits[:, 1], limits[:, 0] - degrees) > beyond)
 
 
 def _refuse_degrees(sieve: Sieve, robot: RobotFile, given: Floats, names: Sequence[str]) -> None:
@@ -297,15 +303,33 @@ def _refuse_degrees(sieve: Sieve, robot: RobotFile, given: Floats, names: Sequen
     degrees.
     """
     read = np.isfinite(given).all(axis=1)
-    beyond = read & _beyond_limits(robot, np.rad2deg(given)).any(axis=1)
-    turns = beyond & (np.abs(given) > MOST_RADIANS).any(axis=1)
-    degrees = turns & ~_beyond_limits(robot, given).any(axis=1)
+    revolute = np.array([not joint.prismatic for joint in robot.joints])
+    beyond = read & (_beyond_limits(robot, np.rad2deg(given)) & revolute).any(axis=1)
+    turns = beyond & (np.abs(given[:, revolute]) > MOST_RADIANS).any(axis=1)
+    degrees = turns & ~(_beyond_limits(robot, given) & revolute).any(axis=1)
     wrong, right = int(np.count_nonzero(beyond)), int(np.count_nonzero(degrees))
     if 2 * wrong > np.count_nonzero(read) and right >= 0.9 * wrong:
         rows = f"{wrong} of {len(given)} rows are outside the joints' limits as radians"
         what = f"{names[0]}…{names[-1]} are degrees: {rows}, {right} of these inside as degrees"
         cure = f"name the columns A1…A{len(names)}, which are in degrees, or write radians"
         raise InputError(Problem(sieve.data.file, 1, 0, what, cure))
+
+
+def _refuse_mm(sieve: Sieve, robot: RobotFile, given: Floats, names: Sequence[str]) -> None:
+    """Raise InputError for a prismatic joint whose column (of given (N, n)) can be mm and in most rows cannot be m."""
+    as_metres = _beyond_limits(robot, robot.joint_map().in_reading_units(given))
+    as_mm = _beyond_limits(robot, given)
+    for number in robot.prismatic:
+        read = np.isfinite(given[:, number - 1])
+        wrong = read & as_metres[:, number - 1]
+        if 2 * np.count_nonzero(wrong) > np.count_nonzero(read) and not as_mm[wrong, number - 1].any():
+            what = (
+                f"{names[number - 1]} is mm: {np.count_nonzero(wrong)} of {len(given)} rows are beyond the travel as m"
+            )
+            cure = (
+                f"write m in {names[number - 1]}, or name the columns A1…A{len(names)}, where a prismatic joint is mm"
+            )
+            raise InputError(Problem(sieve.data.file, 1, 0, what, cure))
 
 
 def _one_kind(data: DataSet, degrees: Sequence[str], radians: Sequence[str]) -> Sequence[str]:

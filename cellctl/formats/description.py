@@ -32,7 +32,9 @@ LEVEL = 1e-3
 @final
 @dataclass(frozen=True, slots=True)
 class JointSaid:
-    """One joint: model angle = sign · reading + offset; limits of the reading. deg, deg/s; None: not stated."""
+    """One joint: model coordinate = sign · reading + offset; limits of the reading. deg, deg/s; of a prismatic joint
+    mm, mm/s. None: not stated.
+    """
 
     sign: int = 1
     offset: float = 0.0
@@ -40,6 +42,7 @@ class JointSaid:
     max: float | None = None
     max_speed: float | None = None
     name: str | None = None
+    prismatic: bool = False
 
 
 @final
@@ -64,15 +67,22 @@ class RobotDescription:
     @classmethod
     def of(cls, robot: RobotFile, chain: SerialChain | None = None) -> Self:
         """A robot file's robot; `chain`, where given, in place of the nominal one: deviations become its geometry."""
-        joints = tuple(JointSaid(row.sign, row.offset, row.min, row.max, row.max_speed) for row in robot.joints)
+        joints = tuple(
+            JointSaid(row.sign, row.offset, row.min, row.max, row.max_speed, prismatic=row.prismatic)
+            for row in robot.joints
+        )
         form, mounting = settled(chain or robot.chain()), _mounting(robot, chain)
         calibration = robot.calibration if chain is None else None
         mass, tolerances = robot.tool.mass, robot.tolerances
         return cls(robot.name, form, joints, robot.repeatability, mass, tolerances, mounting, calibration)
 
     def joint_map(self) -> JointMap:
-        """Controller readings (deg) to model angles (rad) and back."""
-        return JointMap.from_lists([joint.sign for joint in self.joints], [joint.offset for joint in self.joints])
+        """Controller readings (deg, mm) to model coordinates (rad, m) and back."""
+        return JointMap.from_lists(
+            [joint.sign for joint in self.joints],
+            [joint.offset for joint in self.joints],
+            [joint.prismatic for joint in self.joints],
+        )
 
 
 def _mounting(robot: RobotFile, chain: SerialChain | None) -> Mounting:
@@ -207,7 +217,8 @@ def _joint_words(joint: JointSaid) -> str:
         ("max", joint.max),
         ("max_speed", joint.max_speed),
     ]
-    return ", ".join(f"{name}: {number(float(value or 0.0), DECIMALS_DEG)}" for name, value in values)
+    kind = "type: prismatic, " if joint.prismatic else ""
+    return kind + ", ".join(f"{name}: {number(float(value or 0.0), DECIMALS_DEG)}" for name, value in values)
 
 
 def _mounting_lines(robot: RobotDescription) -> list[str]:

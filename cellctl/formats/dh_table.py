@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, final
 
@@ -29,25 +30,30 @@ CONVENTIONS = ("mdh-hayati", "dh-craig")
 _LINK = ("theta", "d", "a", "alpha")
 _FRAME = ("X", "Y", "Z", "A", "B", "C")
 _LARGEST = {
-    **dict.fromkeys(("theta", "alpha", "beta", "offset", "A", "B", "C"), 360.0),
+    **dict.fromkeys(("theta", "alpha", "beta", "A", "B", "C"), 360.0),
     **dict.fromkeys(("d", "a", "X", "Y", "Z"), 20_000.0),
 }
 """mm and degrees, as in a robot file."""
+_LARGEST_OFFSET_DEG = 360.0
 _JOINT = ("sign", "offset", "min", "max", "max_speed")
 
 
 def load_dh_table(path: Path, convention: str | None = None) -> RobotDescription:
     """The robot of a table with columns theta, d, a, alpha.
 
-    Optional: beta, sign, offset, min, max, max_speed; convention (else `convention` holds); joint: 1 … n, base, tool;
-    X, Y, Z, A, B, C of the rows base and tool. A row without beta whose axes are parallel gets β = 0 besides its d.
+    Optional: beta, type (revolute, prismatic), sign, offset, min, max, max_speed; convention (else `convention` holds);
+    joint: 1 … n, base, tool; X, Y, Z, A, B, C of the rows base and tool. A row without beta whose axes are parallel
+    gets β = 0 besides its d.
     Raises InputError with every cell that is wrong, by line.
     """
     table = _Table(DataSet.load(path))
     said = table.convention(convention)
     rows = table.joints()
-    links = [table.link(row, said, number, len(rows)) for number, row in enumerate(rows)]
     joints = tuple(table.joint(row) for row in rows)
+    links = [
+        replace(table.link(row, said, number, len(rows)), prismatic=joint.prismatic)
+        for number, (row, joint) in enumerate(zip(rows, joints, strict=True))
+    ]
     base, tool = table.frame("base"), table.frame("tool")
     table.stop()
 
@@ -61,8 +67,9 @@ def dh_table_text(robot: RobotDescription, convention: TableConvention) -> str:
     chain = (to_mdh if convention == "mdh-hayati" else to_craig)(robot.chain)
     assert isinstance(chain.table, LinkTable)
     _refuse_long_links(robot.name, chain.table.links)
+    with_kinds = any(joint.prismatic for joint in robot.joints)
     rows: list[dict[str, Any]] = [
-        {"joint": number, "convention": convention, **_link_cells(link), **_joint_cells(joint)}
+        {"joint": number, "convention": convention, **_link_cells(link), **_joint_cells(joint, with_kinds)}
         for number, (link, joint) in enumerate(zip(chain.table.links, robot.joints, strict=True), 1)
     ]
     for name, frame in (("base", chain.base), ("tool", chain.tool)):
@@ -92,8 +99,9 @@ def _link_cells(link: Link) -> dict[str, float | None]:
     }
 
 
-def _joint_cells(joint: JointSaid) -> dict[str, float | int | None]:
-    return {name: getattr(joint, name) for name in _JOINT}
+def _joint_cells(joint: JointSaid, with_kind: bool) -> dict[str, float | int | str | None]:
+    kind = {"type": "prismatic" if joint.prismatic else "revolute"} if with_kind else {}
+    return {**kind, **{name: getattr(joint, name) for name in _JOINT}}
 
 
 def _frame_cells(frame: Floats) -> dict[str, float]:
@@ -167,7 +175,12 @@ class _Table:
         sign, offset, least, most, speed = (self._number(row, name, needed=False) for name in _JOINT)
         if sign not in (None, 1.0, -1.0):
             self._note(row, f"sign {sign:g} is neither 1 nor -1")
-        return JointSaid(-1 if sign == -1.0 else 1, offset or 0.0, least, most, speed)
+        kind = self.data.texts("type")[row]
+        if kind not in ("", "revolute", "prismatic"):
+            self._note(row, f"type '{kind[:20]}' is neither revolute nor prismatic")
+        if kind != "prismatic" and abs(offset or 0.0) > _LARGEST_OFFSET_DEG:
+            self._note(row, f"offset {offset:g} is not from -360 to 360", "degrees; mm only with type prismatic")
+        return JointSaid(-1 if sign == -1.0 else 1, offset or 0.0, least, most, speed, prismatic=kind == "prismatic")
 
     def frame(self, name: str) -> Floats | None:
         """The frame of row `name`, or None."""

@@ -1,4 +1,4 @@
-"""URDF in and out: its XML, and the serial chain of turning joints from root to tip. m, rad → mm, deg, and back."""
+"""URDF in and out: its XML, and the serial chain of moving joints from root to tip. m, rad → mm, deg, and back."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ BASE_LINK, FLANGE_LINK = "base_link", "tool0"
 """ROS-Industrial's names of the robot's base, and of the flange with z outwards."""
 LARGEST = 1e5
 """A number beyond this, in m or rad, cannot be a robot's."""
-_TURNING = ("revolute", "continuous")
+_MOVING = ("revolute", "continuous", "prismatic")
 
 
 @final
@@ -163,8 +163,9 @@ class UrdfChain:
 def load_urdf(path: Path, tip: str | None = None) -> RobotDescription:
     """The robot whose joints lead from the root link to link `tip`, which may be left out where there is only one.
 
-    A joint's reading is its URDF position, in degrees. The base is `base_link` and the flange `tool0`, where these lie
-    before the first and behind the last turning joint; else the root and the tip. Raises InputError as `load_chain`.
+    A joint's reading is its URDF position, in degrees or mm. The base is `base_link` and the flange `tool0`, where
+    these lie before the first and behind the last moving joint; else the root and the tip. Raises InputError as
+    `load_chain`.
     """
     return _described(load_chain(path, tip))
 
@@ -172,8 +173,8 @@ def load_urdf(path: Path, tip: str | None = None) -> RobotDescription:
 def load_chain(path: Path, tip: str | None = None) -> UrdfChain:
     """The joints from the root link to link `tip`, which may be left out where there is only one.
 
-    Raises InputError, each error with its line: no URDF, branches and no tip named, joints that slide or follow others,
-    closed loops.
+    Raises InputError, each error with its line: no URDF, branches and no tip named, joints of other types (floating,
+    planar) or that follow others, closed loops.
     """
     root = load_xml(path)
     file = _File(str(path))
@@ -271,20 +272,20 @@ def _tip(file: _File, root: Element, joints: list[_Joint], tip: str | None) -> s
 
 def _check_kinds(file: _File, root: Element, path: list[_Joint]) -> None:
     for joint in path:
-        if joint.kind not in (*_TURNING, "fixed"):
+        if joint.kind not in (*_MOVING, "fixed"):
             what = f"joint '{joint.name}' is {joint.kind or 'of no type'}"
-            file.note(joint.element, what, "only joints that turn (revolute, continuous) can be calibrated here")
+            file.note(joint.element, what, "only revolute, continuous and prismatic joints can be calibrated here")
         if joint.element.first("mimic") is not None:
             file.note(joint.element, f"joint '{joint.name}' follows another (mimic)", "it has no reading of its own")
-    if not any(joint.kind in _TURNING for joint in path):
-        file.note(root, "no joint turns between the root link and the tip")
+    if not any(joint.kind in _MOVING for joint in path):
+        file.note(root, "no joint moves between the root link and the tip")
 
 
 def _placed(file: _File, joint: _Joint) -> UrdfJoint:
-    turns = joint.kind in _TURNING
+    moves = joint.kind in _MOVING
     along = np.array(_axis(file, joint))
-    axis = along / np.linalg.norm(along) if turns else None
-    stated = _said(file, joint) if turns else None
+    axis = along / np.linalg.norm(along) if moves else None
+    stated = _said(file, joint) if moves else None
     return UrdfJoint(joint.name, joint.child, joint.element, _origin(file, joint.element), axis, stated)
 
 
@@ -302,7 +303,10 @@ def _described(chain: UrdfChain) -> RobotDescription:
         elif joint.child == FLANGE_LINK:
             flange = here
     into, flange = inverse_pose(base), here if flange is None else flange
-    lines = [JointAxis.through(into[:3, :3] @ point + into[:3, 3], into[:3, :3] @ along) for point, along in axes]
+    lines = [
+        JointAxis.through(into[:3, :3] @ point + into[:3, 3], into[:3, :3] @ along, prismatic=joint.prismatic)
+        for (point, along), joint in zip(axes, joints, strict=True)
+    ]
     placed = SerialChain.from_axes(lines, into @ flange, base, inverse_pose(flange) @ here)
     return RobotDescription(chain.name, placed, tuple(joints))
 
@@ -325,18 +329,18 @@ def _axis(file: _File, joint: _Joint) -> tuple[float, ...]:
 
 
 def _said(file: _File, joint: _Joint) -> JointSaid:
-    """Limits and speed in degrees; of a continuous joint one turn either way. A speed of 0 means unknown."""
-    limit = joint.element.first("limit")
-    nothing = (math.nan,)
-    lower, upper, speed = (
-        math.degrees(file.numbers(limit, name, nothing)[0]) for name in ("lower", "upper", "velocity")
-    )
+    """Limits and speed in degrees, of a prismatic joint in mm; of a continuous joint one turn either way. A speed of 0
+    means unknown.
+    """
+    limit, prismatic = joint.element.first("limit"), joint.kind == "prismatic"
+    values = (file.numbers(limit, name, (math.nan,))[0] for name in ("lower", "upper", "velocity"))
+    lower, upper, speed = (1000.0 * value if prismatic else math.degrees(value) for value in values)
     if joint.kind == "continuous":
         lower, upper = -360.0, 360.0
     elif limit is not None:  # the format's default is 0
         lower, upper = (0.0 if math.isnan(value) else value for value in (lower, upper))
     known = [None if math.isnan(value) else value for value in (lower, upper)]
-    return JointSaid(1, 0.0, known[0], known[1], speed if speed > 0.0 else None, joint.name)
+    return JointSaid(1, 0.0, known[0], known[1], speed if speed > 0.0 else None, joint.name, prismatic)
 
 
 DECIMALS_RAD = 15
@@ -390,20 +394,19 @@ def _joint_text(name: str, kind: str, links: list[str], step: Floats, more: tupl
 
 
 def _kind(joint: JointSaid) -> str:
+    if joint.prismatic:
+        return "prismatic"
     return "continuous" if joint.min is None or joint.max is None else "revolute"
 
 
 def _moves(joint: JointSaid) -> tuple[str, ...]:
     """The axis, in the reading's sense, and limits. The effort is unknown: 0."""
     axis = f'<axis xyz="0 0 {joint.sign}"/>'
-    ends = (
-        ""
-        if joint.min is None or joint.max is None
-        else f'lower="{_radians(joint.min)}" upper="{_radians(joint.max)}" '
-    )
+    words = _metres if joint.prismatic else _radians
+    ends = "" if joint.min is None or joint.max is None else f'lower="{words(joint.min)}" upper="{words(joint.max)}" '
     if not ends and joint.max_speed is None:
         return (axis,)
-    return (axis, f'<limit {ends}effort="0" velocity="{_radians(joint.max_speed or 0.0)}"/>')
+    return (axis, f'<limit {ends}effort="0" velocity="{words(joint.max_speed or 0.0)}"/>')
 
 
 def _metres(value_mm: float) -> str:

@@ -1,6 +1,6 @@
 """Kinematics of serial robots: tables and axes, forward and inverse, closed-form Jacobians, frames. mm and rad."""
 
-from cellctl.kinematics._chain import CONVENTIONS, Convention, SerialChain
+from cellctl.kinematics._chain import CONVENTIONS, MM_PER_M, Convention, SerialChain
 from cellctl.kinematics._conversion import settled, to_craig, to_mdh, to_poe
 from cellctl.kinematics._frames import (
     Bools,
@@ -14,12 +14,13 @@ from cellctl.kinematics._frames import (
     rotation_from_quaternion,
     rotation_vector,
 )
-from cellctl.kinematics.controller_readings import JointMap
+from cellctl.kinematics.controller_readings import JointMap, JointUnit
 from cellctl.kinematics.geometry import AxisTable, JointAxis, Link, LinkTable, TableConvention
 from cellctl.kinematics.inverse import InverseResult, inverse, inverse_from_all, nearest_turn
 
 __all__ = [
     "CONVENTIONS",
+    "MM_PER_M",
     "AxisTable",
     "Bools",
     "Convention",
@@ -27,6 +28,7 @@ __all__ = [
     "InverseResult",
     "JointAxis",
     "JointMap",
+    "JointUnit",
     "Link",
     "LinkTable",
     "SerialChain",

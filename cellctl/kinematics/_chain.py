@@ -1,6 +1,7 @@
-"""Serial chains of revolute joints: the TCP's pose, and its derivatives by joints and parameters.
+"""Serial chains of revolute and prismatic joints: the TCP's pose, and its derivatives by joints and parameters.
 
-Every chain is brought to the form C0 Rz(q1) C1 Rz(q2) … Rz(qn) Cn with constant C, from any table. A
+Every chain is brought to the form C0 Z(q1) C1 Z(q2) … Z(qn) Cn with constant C, from any table; Z turns about z, or (a
+prismatic joint) slides along it. Model coordinates q are SI: rad, and m of a prismatic joint; all lengths are mm. A
 parameter is a unit screw at a fixed place in the frame behind the joint before it, so that all columns of a Jacobian
 are constants carried by the same n frames. Inside, the batch is the last axis: each number is then one long vector.
 """
@@ -34,6 +35,9 @@ Convention: TypeAlias = TableConvention | Literal["poe"]
 
 CONVENTIONS: tuple[str, ...] = (*TABLE_CONVENTIONS, "poe")
 
+MM_PER_M = 1000.0
+"""Lengths of a chain are mm, coordinates of its prismatic joints m: numbers of the size of an angle in rad."""
+
 BLOCK = 1024
 """Poses per computation: the frames of this many fit a second-level cache (n = 6: 0.7 MB)."""
 
@@ -54,7 +58,7 @@ class Screws:
 @final
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """A robot with n revolute joints, its base in the measuring frame and its tool; immutable.
+    """A robot with n joints, its base in the measuring frame and its tool; immutable. q: rad, of a prismatic joint m.
 
     table: the robot by its links, or by its joints' axes. base, tool (4, 4): base in the measuring frame, TCP in the
     flange frame, mm. deviations (P,): difference of each of `parameters` from table, base and tool, mm or rad.
@@ -104,6 +108,11 @@ class SerialChain:
         """Number of joints."""
         return self.table.n
 
+    @cached_property
+    def prismatic(self) -> Bools:
+        """Which joints (n,) slide along their axis; the others turn about it."""
+        return self.table.prismatic
+
     @property
     def convention(self) -> Convention:
         """`mdh-hayati`, `dh-craig` or `poe`."""
@@ -118,7 +127,8 @@ class SerialChain:
     def parameters(self) -> tuple[str, ...]:
         """Names in common terms: base_x…z, base_a…c, those of the table by joint, tool_x…z, tool_a…c.
 
-        A link table has theta1, d1, a1, alpha1, beta1, …; `poe` turn_x1, turn_y1, slide_x1, slide_y1, theta1, ….
+        A link table has theta1, d1, a1, alpha1, beta1, …; `poe` turn_x1, turn_y1, slide_x1, slide_y1, theta1, …; of a
+        prismatic joint turn_x1, turn_y1, d1. The zero of a joint is its theta, or its d if it is prismatic.
         """
         return tuple(motion.name for _, motions in self._nominal for motion in motions if motion.name)
 
@@ -162,17 +172,17 @@ class SerialChain:
         return segment_matrix(self._motions[-1])
 
     def forward(self, q: ArrayLike) -> Floats:
-        """Pose of the TCP (..., 4, 4), mm, in the measuring frame, at model angles q (..., n), rad."""
+        """Pose of the TCP (..., 4, 4), mm, in the measuring frame, at model coordinates q (..., n)."""
         return self._batched(q, lambda angles: self._end(angles, self._constants[-1]), (4, 4))
 
     def forward_flange(self, q: ArrayLike) -> Floats:
-        """Pose of the flange (..., 4, 4), mm, in the measuring frame, at model angles q (..., n), rad."""
+        """Pose of the flange (..., 4, 4), mm, in the measuring frame, at model coordinates q (..., n)."""
         return self._batched(q, lambda angles: self._end(angles, self._last_link), (4, 4))
 
     def frames(self, q: ArrayLike) -> Floats:
         """The frames behind joints 1 … n, then the flange: (..., n + 1, 4, 4), mm, in the measuring frame.
 
-        At model angles q (..., n), rad. The frame behind a joint has its z along the joint's axis, and turns with it.
+        At model coordinates q (..., n). The frame behind a joint has its z along the joint's axis, and moves with it.
         """
         batch, angles = self._angles(q)
         result = np.zeros((self.n + 1, 4, 4, angles.shape[1]))
@@ -184,9 +194,10 @@ class SerialChain:
         return np.moveaxis(result, -1, 0).reshape(*batch, self.n + 1, 4, 4)
 
     def tool_jacobian(self, q: ArrayLike) -> Floats:
-        """Jacobian of the TCP by the joints: (..., 6, n) at q (..., n), rad.
+        """Jacobian of the TCP by the joints: (..., 6, n) at q (..., n).
 
-        Rows: velocity of the TCP (mm/rad), angular velocity (rad/rad), along the measuring frame's axes.
+        Rows: velocity of the TCP (mm/rad; mm/m by a prismatic joint), angular velocity (rad/rad), along the measuring
+        frame's axes.
         """
         return self._batched(q, lambda angles: self._joint_columns(*self._frames(angles)), (6, self.n))
 
@@ -276,6 +287,10 @@ class SerialChain:
         for index in range(self.n):
             before = np.matmul(self._constants[index].T, frames[index])
             x, y, behind = before[:, 0], before[:, 1], frames[index + 1]
+            if self.prismatic[index]:
+                behind[:] = before
+                behind[:, 3] += MM_PER_M * angles[index] * before[:, 2]
+                continue
             behind[:, 0] = cosines[index] * x + sines[index] * y
             behind[:, 1] = cosines[index] * y - sines[index] * x
             behind[:, 2:] = before[:, 2:]
@@ -284,11 +299,13 @@ class SerialChain:
     def _end(self, angles: Floats, last: Floats) -> Floats:
         return _pose_block(np.matmul(last.T, self._frames(angles)[0][-1]))
 
-    @staticmethod
-    def _joint_columns(frames: Floats, end: Floats) -> Floats:
+    def _joint_columns(self, frames: Floats, end: Floats) -> Floats:
         axes = frames[1:, :, 2].swapaxes(0, 1)
         arms = end[:, None, 3] - frames[1:, :, 3].swapaxes(0, 1)
-        return np.concatenate([_cross(axes, arms), axes])
+        columns = np.concatenate([_cross(axes, arms), axes])
+        columns[:3, self.prismatic] = MM_PER_M * axes[:, self.prismatic]
+        columns[3:, self.prismatic] = 0.0
+        return columns
 
     def _parameter_columns(self, frames: Floats, end: Floats) -> Floats:
         result = np.zeros((6, len(self.parameters), frames.shape[-1]))

@@ -1,4 +1,4 @@
-"""Conversion of a robot between the three forms, which every chain of revolute joints has.
+"""Conversion of a robot between the three forms, which every serial chain has.
 
 The joints' axes at model zero are the same in all forms. What a table cannot hold (the pose of its first frame, and the
 rest between its last frame and the tool) goes to base and tool. Deviations become part of the new table, so that an
@@ -33,7 +33,10 @@ def to_poe(chain: SerialChain) -> SerialChain:
     The point on each axis is the origin of the chain's joint frame.
     """
     frames, home = _at_zero(chain)
-    axes = [JointAxis.through(frame[:3, 3], frame[:3, 2]) for frame in frames]
+    axes = [
+        JointAxis.through(frame[:3, 3], frame[:3, 2], prismatic=bool(slides))
+        for frame, slides in zip(frames, chain.prismatic, strict=True)
+    ]
     return SerialChain.from_axes(axes, home, chain.base_now, chain.tool_now)
 
 
@@ -58,6 +61,7 @@ def _as_table(chain: SerialChain, convention: TableConvention) -> SerialChain:
         return _settled(chain, chain.table)
     frames, home = _at_zero(chain)
     rows, first = _rows(frames, home, keep_heights=isinstance(chain.table, LinkTable))
+    rows = [replace(row, prismatic=bool(slides)) for row, slides in zip(rows, chain.prismatic, strict=True)]
     if convention == "dh-craig":
         rows = _shifted(rows)
     table = SerialChain.from_links(convention, rows, chain.base_now @ first)
@@ -75,6 +79,7 @@ def _settled(chain: SerialChain, table: LinkTable) -> SerialChain:
             row.a + added[f"a{number}"],
             row.alpha + added[f"alpha{number}"],
             None if row.beta is None else row.beta + added[f"beta{number}"],
+            row.prismatic,
         )
         for number, row in enumerate(table.links, 1)
     ]

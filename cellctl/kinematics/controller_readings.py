@@ -7,45 +7,78 @@ of TwinCAT CNC ("Status & Turn", kinematic type 45). Robots with a spherical wri
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self, final
+from typing import Literal, Self, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cellctl.kinematics._chain import SerialChain
-from cellctl.kinematics._frames import Floats
+from cellctl.kinematics._chain import MM_PER_M, SerialChain
+from cellctl.kinematics._frames import Bools, Floats
+
+JointUnit: TypeAlias = Literal["°", "mm"]
+"""The unit of a joint's reading, as people read it."""
 
 
 @final
 @dataclass(frozen=True)
 class JointMap:
-    """model angle (rad) = sign · reading (deg, as the controller shows it) + offset (deg); arrays of shape (n,)."""
+    """model coordinate (rad) = sign · reading (deg, as the controller shows it) + offset (deg); arrays of shape (n,).
+
+    Of a prismatic joint the reading and the offset are mm, the model coordinate m. prismatic: which joints are; None:
+    none of them.
+    """
 
     sign: Floats
     offset: Floats
+    prismatic: Bools | None = None
 
     @classmethod
-    def from_lists(cls, sign: ArrayLike, offset: ArrayLike) -> Self:
-        """From signs (+1 or −1 each) and offsets in degrees. Raises ValueError for another sign or unequal lengths."""
+    def from_lists(cls, sign: ArrayLike, offset: ArrayLike, prismatic: ArrayLike | None = None) -> Self:
+        """From signs (+1 or −1 each), offsets (deg or mm) and which joints are prismatic; default: none.
+
+        Raises ValueError for another sign or unequal lengths.
+        """
         signs, offsets = np.asarray(sign, float), np.asarray(offset, float)
         if signs.shape != offsets.shape or signs.ndim != 1:
             raise ValueError(f"{signs.size} signs for {offsets.size} offsets")
         if not np.all(np.abs(signs) == 1.0):
             raise ValueError("a joint's sign is 1 or -1")
-        return cls(signs, offsets)
+        slides = np.zeros(0, bool) if prismatic is None else np.asarray(prismatic, bool)
+        if slides.any() and slides.shape != signs.shape:
+            raise ValueError(f"{signs.size} signs for {slides.size} joints")
+        return cls(signs, offsets, slides if slides.any() else None)
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.sign.size)
 
+    @property
+    def units(self) -> tuple[JointUnit, ...]:
+        """The unit of each joint's reading."""
+        return (
+            ("°",) * self.n if self.prismatic is None else tuple("mm" if slides else "°" for slides in self.prismatic)
+        )
+
     def model(self, readings: ArrayLike) -> Floats:
-        """Model angles (..., n), rad, of controller readings (..., n), deg."""
-        return np.asarray(np.deg2rad(self.sign * np.asarray(readings, float) + self.offset))
+        """Model coordinates (..., n), rad or m, of controller readings (..., n), deg or mm."""
+        return self.in_model_units(self.sign * np.asarray(readings, float) + self.offset)
 
     def readings(self, model: ArrayLike) -> Floats:
-        """Controller readings (..., n), deg, of model angles (..., n), rad."""
-        return np.asarray(self.sign * (np.rad2deg(np.asarray(model, float)) - self.offset))
+        """Controller readings (..., n), deg or mm, of model coordinates (..., n), rad or m."""
+        return np.asarray(self.sign * (self.in_reading_units(model) - self.offset))
+
+    def in_model_units(self, values: ArrayLike) -> Floats:
+        """Values (..., n) in deg (mm of a prismatic joint) as rad (m)."""
+        given = np.asarray(values, float)
+        turned = np.asarray(np.deg2rad(given))
+        return turned if self.prismatic is None else np.where(self.prismatic, given / MM_PER_M, turned)
+
+    def in_reading_units(self, values: ArrayLike) -> Floats:
+        """Values (..., n) in rad (m of a prismatic joint) as deg (mm)."""
+        given = np.asarray(values, float)
+        turned = np.asarray(np.rad2deg(given))
+        return turned if self.prismatic is None else np.where(self.prismatic, given * MM_PER_M, turned)
 
 
 Ints = NDArray[np.int64]
@@ -70,6 +103,8 @@ def status_of(chain: SerialChain, joints: JointMap, readings: ArrayLike) -> Ints
     """
     if chain.n != 6:
         raise ValueError(f"status is defined for six joints, this robot has {chain.n}")
+    if chain.prismatic.any():
+        raise ValueError("status is defined for six revolute joints, this robot has prismatic ones")
     given = np.asarray(readings, float)
     frames = chain.with_base(np.eye(4)).frames(joints.model(given))
     axes, points = frames[..., :6, :3, 2], frames[..., :6, :3, 3]

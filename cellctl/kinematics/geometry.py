@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple, Self, TypeAlias, final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.kinematics._frames import Floats, inverse_pose, pose
+from cellctl.kinematics._frames import Bools, Floats, inverse_pose, pose
 
 
 class Motion(NamedTuple):
@@ -82,6 +82,7 @@ class Link:
     mdh-hayati: T = Rz(joint + theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), the joint first.
     dh-craig: T = Rx(alpha) Tx(a) Ry(beta) Rz(joint + theta) Tz(d), the joint last.
     Where `beta` is given (axes near parallel), `d` is a constant and not a parameter: the two are not separable.
+    prismatic: the joint adds to d, not to theta: d is its zero, and always a parameter.
     """
 
     theta: float = 0.0
@@ -89,6 +90,7 @@ class Link:
     a: float = 0.0
     alpha: float = 0.0
     beta: float | None = None
+    prismatic: bool = False
 
 
 @final
@@ -103,6 +105,11 @@ class LinkTable:
     def n(self) -> int:
         """Number of joints."""
         return len(self.links)
+
+    @cached_property
+    def prismatic(self) -> Bools:
+        """Which joints (n,) are prismatic."""
+        return np.array([link.prismatic for link in self.links], bool)
 
     @cached_property
     def segments(self) -> list[Segment]:
@@ -125,7 +132,7 @@ def _link_motions(link: Link, number: int) -> list[Motion]:
     parallel = link.beta is not None
     return [
         Motion(f"theta{number}", True, 2, link.theta),
-        Motion(None if parallel else f"d{number}", False, 2, link.d),
+        Motion(None if parallel and not link.prismatic else f"d{number}", False, 2, link.d),
         Motion(f"a{number}", False, 0, link.a),
         Motion(f"alpha{number}", True, 0, link.alpha),
         *([] if link.beta is None else [Motion(f"beta{number}", True, 1, link.beta)]),
@@ -139,13 +146,17 @@ ACROSS = 0.65
 @final
 @dataclass(frozen=True, eq=False)
 class JointAxis:
-    """A joint's axis at model zero, in the robot's base frame: direction (3,) of length 1, a point (3,) on it, mm."""
+    """A joint's axis at model zero, in the robot's base frame: direction (3,) of length 1, a point (3,) on it, mm.
+
+    Of a prismatic joint only the direction has an effect; the point is the origin of the joint's frame.
+    """
 
     direction: Floats
     point: Floats
+    prismatic: bool = False
 
     @classmethod
-    def through(cls, point: ArrayLike, direction: ArrayLike) -> Self:
+    def through(cls, point: ArrayLike, direction: ArrayLike, *, prismatic: bool = False) -> Self:
         """The axis along `direction` (3,), of any length but 0, through `point` (3,), mm. Raises ValueError."""
         along, place = np.array(direction, float), np.array(point, float)
         if along.shape != (3,) or place.shape != (3,) or not (np.isfinite(along).all() and np.isfinite(place).all()):
@@ -154,7 +165,7 @@ class JointAxis:
         if largest == 0.0:
             raise ValueError("a joint's axis has no direction: its length is 0")
         along /= largest  # so that no square underflows or overflows
-        return cls(along / np.linalg.norm(along), place)
+        return cls(along / np.linalg.norm(along), place, prismatic)
 
     def frame(self) -> Floats:
         """The joint's own frame (4, 4): origin at the point, z along the axis.
@@ -174,7 +185,8 @@ class AxisTable:
 
     Parameters of joint i move its axis, and everything behind it: turn_xi, turn_yi about, slide_xi, slide_yi along the
     axes x and y of the joint's own frame; thetai, a turn about the joint itself. Theta is redundant with the axes
-    behind it and the tool: it serves to find joint zeros where the axes are held.
+    behind it and the tool: it serves to find joint zeros where the axes are held. A prismatic joint has turn_xi and
+    turn_yi; its zero is di, a slide along the joint itself; another place of its axis changes nothing.
     """
 
     axes: tuple[JointAxis, ...]
@@ -194,17 +206,25 @@ class AxisTable:
         return len(self.axes)
 
     @cached_property
+    def prismatic(self) -> Bools:
+        """Which joints (n,) are prismatic."""
+        return np.array([axis.prismatic for axis in self.axes], bool)
+
+    @cached_property
     def segments(self) -> list[Segment]:
         """The parts between the joints: n + 1 segments, the first before joint 1, the last up to the flange."""
         frames = [np.eye(4), *(axis.frame() for axis in self.axes), self.home]
         steps = [inverse_pose(before) @ behind for before, behind in itertools.pairwise(frames)]
-        return [*((step, _axis_motions(number)) for number, step in enumerate(steps[:-1], 1)), (steps[-1], [])]
+        motions = [_axis_motions(number, axis.prismatic) for number, axis in enumerate(self.axes, 1)]
+        return [*zip(steps[:-1], motions, strict=True), (steps[-1], [])]
 
 
-def _axis_motions(number: int) -> list[Motion]:
+def _axis_motions(number: int, prismatic: bool) -> list[Motion]:
+    turns = [Motion(f"turn_x{number}", True, 0, 0.0), Motion(f"turn_y{number}", True, 1, 0.0)]
+    if prismatic:
+        return [*turns, Motion(f"d{number}", False, 2, 0.0)]
     return [
-        Motion(f"turn_x{number}", True, 0, 0.0),
-        Motion(f"turn_y{number}", True, 1, 0.0),
+        *turns,
         Motion(f"slide_x{number}", False, 0, 0.0),
         Motion(f"slide_y{number}", False, 1, 0.0),
         Motion(f"theta{number}", True, 2, 0.0),

@@ -27,6 +27,7 @@ from cellctl.formats.exports import (
 from cellctl.formats.makers_calibration import Calibrated, is_makers_calibration, load_calibration, refuse_motor_angles
 from cellctl.formats.urdf import load_urdf, urdf_text
 from cellctl.kinematics import Convention, Floats, TableConvention, abc_from_rotation
+from cellctl.robot_file import prismatic_numbers, refuse_prismatic
 
 ROBOT_FILES: dict[str, Convention] = {"mdh-hayati": "mdh-hayati", "dh-craig": "dh-craig", "poe": "poe"}
 JOINT_ZEROS = ("kuka", "abb", "fanuc")
@@ -144,6 +145,9 @@ def exported(source: Source, form: str, options: ExportOptions) -> Exported:
 
     Raises InputError where the source has no such form.
     """
+    if form in (*JOINT_ZEROS, "ur-calibration") or options.into is not None:
+        what = f"--to {form}{' --into' if options.into else ''}"
+        refuse_prismatic(source.robot.name, prismatic_numbers(source.robot.joints), source.file, what)
     if form in JOINT_ZEROS:
         return _of_joint_zeros(source, form, options)
     effects, assumed = _effects(source.model) if source.model else ([], [])

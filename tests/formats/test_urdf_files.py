@@ -89,7 +89,7 @@ def test_where_links_branch_the_tip_is_asked_for_and_taken(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "line", "words"),
     [
-        ('"lift" type="revolute"', '"lift" type="prismatic"', 13, "'lift' is prismatic"),
+        ('"lift" type="revolute"', '"lift" type="planar"', 13, "'lift' is planar"),
         ('"lift" type="revolute"', '"lift"', 13, "no type"),
         ('<axis xyz="0.6 0 0.8"/>', '<axis xyz="0 0 0"/>', 14, "no direction"),
         ('<axis xyz="0.6 0 0.8"/>', '<axis xyz="0.6 0"/>', 14, "3 numbers"),

@@ -482,7 +482,7 @@ def forward_of_robot_file(text, readings):
 
 
 def forward_of_urdf(text, tip, readings_rad):
-    """Joint positions in the order of the chain from the root to `tip`."""
+    """Joint positions, rad or m, in the order of the chain from the root to `tip`."""
     root = ElementTree.fromstring(text)
     above = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
     path = []
@@ -498,7 +498,11 @@ def forward_of_urdf(text, tip, readings_rad):
             here = here @ turn(Z, yaw) @ turn(Y, pitch) @ turn(X, roll)
         if joint.get("type") != "fixed":
             axis = joint.find("axis")
-            here = here @ turn(list(map(float, axis.get("xyz").split())) if axis is not None else X, next(positions))
+            along = np.array(list(map(float, axis.get("xyz").split())) if axis is not None else X)
+            if joint.get("type") == "prismatic":
+                here = here @ slide(1000.0 * next(positions) * along / np.linalg.norm(along))
+            else:
+                here = here @ turn(along.tolist(), next(positions))
     assert next(positions, None) is None
     return here
 
@@ -512,8 +516,10 @@ def forward_of_dh_table(text, readings):
     }
     here = frames.get("base", np.eye(4))
     for row, reading in zip((row for row in rows if row["joint"] not in frames), readings, strict=True):
-        angle = np.deg2rad(float(row["sign"] or 1) * reading + float(row["offset"] or 0))
-        here = here @ link(row, angle, row["convention"])
+        moved = float(row["sign"] or 1) * reading + float(row["offset"] or 0)
+        if row.get("type") == "prismatic":
+            row["d"] = str(float(row["d"] or 0.0) + moved)
+        here = here @ link(row, 0.0 if row.get("type") == "prismatic" else np.deg2rad(moved), row["convention"])
     return here @ frames.get("tool", np.eye(4))
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from cellctl.calibration.effects._backlash import Backlash
 from cellctl.calibration.effects._compliance import JointCompliance
 from cellctl.calibration.effects._deflection import DEFLECTION, ToolDeflection
+from cellctl.calibration.effects._prismatic import JointScale, Straightness
 from cellctl.calibration.effects._thermal_expansion import ThermalExpansion
 from cellctl.calibration.effects.motor_torsion import MotorTorsion
 from cellctl.calibration.model.effect import (
@@ -23,6 +24,8 @@ from cellctl.calibration.residuals.harmonics import Harmonics, Wave
 from cellctl.calibration.residuals.joint_field import JointField
 
 EFFECTS: tuple[type[Effect], ...] = (
+    JointScale,
+    Straightness,
     ToolDeflection,
     JointCompliance,
     MotorTorsion,
@@ -76,10 +79,12 @@ __all__ = [
     "Harmonics",
     "JointCompliance",
     "JointField",
+    "JointScale",
     "MotorTorsion",
     "OnlineTerms",
     "OwnTurns",
     "ResidualModel",
+    "Straightness",
     "ThermalExpansion",
     "ToolDeflection",
     "Wave",

@@ -19,7 +19,16 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.model.effect import DOWN, STANDARD_GRAVITY, Direction, Effect, EffectInputs, OnlineTerms
+from cellctl.calibration.model.effect import (
+    DOWN,
+    STANDARD_GRAVITY,
+    Direction,
+    Effect,
+    EffectInputs,
+    OnlineTerms,
+    prismatic_field,
+    prismatic_joints,
+)
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures, varies
 from cellctl.kinematics import Floats, SerialChain
@@ -51,7 +60,8 @@ class JointCompliance(Effect):
     """Joints as torsion springs under gravity: what each turns by the weight of the links, and by a known payload.
 
     joints: how many. load_known: whether the rows state their payload. upright: joints (from 1) whose axis is vertical
-    at every posture, which have no amounts; `of` finds them. down: ĝ in the robot's base frame.
+    at every posture, which have no amounts; `of` finds them. down: ĝ in the robot's base frame. prismatic: joints (from
+    1) without a spring; moments that are fixed in the frame behind one are fixed in the frame before it, too.
     `compliance{j}_{k}x`, `…y`: rad by which joint j turns under the weight moment that is fixed along x, y of the
     frame behind joint k, where that lies level and across joint j's axis. `compliance_load{j}`: rad/(N m) of joint j
     under the payload. Positive is the direction of the weight's moment.
@@ -63,6 +73,7 @@ class JointCompliance(Effect):
     load_known: bool = False
     upright: frozenset[int] = frozenset()
     down: Direction = DOWN
+    prismatic: frozenset[int] = prismatic_field()
 
     @classmethod
     def of(cls, nominal: SerialChain, load_known: bool = False, down: Direction = DOWN) -> Self:
@@ -70,7 +81,7 @@ class JointCompliance(Effect):
 
         Wherever `nominal` has its base: weight pulls along `down` of that.
         """
-        return cls(nominal.n, load_known, _upright(nominal, down), down)
+        return cls(nominal.n, load_known, _upright(nominal, down), down, prismatic_joints(nominal))
 
     group: ClassVar[Group] = "compliance"
     title: ClassVar[str] = "Joint compliance"
@@ -114,7 +125,7 @@ class JointCompliance(Effect):
         result = np.zeros((self.joints, len(self.parameters), len(at)))
         column = 0
         for joint in self._carrying():
-            moments = sum(arms[joint, axis] * levers[joint:, axis] for axis in range(3))
+            moments = sum(arms[joint, axis] * levers[self._turning(joint), axis] for axis in range(3))
             result[joint, column : column + 2 * len(moments)] = np.concatenate(moments)
             column += 2 * len(moments)
         if at.payload is not None:
@@ -133,11 +144,15 @@ class JointCompliance(Effect):
             terms.load[joint] += amount * payload_kg * STANDARD_GRAVITY / 1000.0
 
     def _carrying(self) -> list[int]:
-        return [j for j in range(self.joints) if j + 1 not in self.upright]
+        return [j for j in range(self.joints) if j + 1 not in self.upright | self.prismatic]
 
     def _moments(self) -> list[tuple[int, int, int]]:
         """Joint, link and direction of each amount of the links' weight, from 0."""
-        return [(j, k, e) for j in self._carrying() for k in range(j, self.joints) for e in range(2)]
+        return [(j, k, e) for j in self._carrying() for k in self._turning(j) for e in range(2)]
+
+    def _turning(self, joint: int) -> list[int]:
+        """The revolute joints from `joint` on, from 0."""
+        return [k for k in range(joint, self.joints) if k + 1 not in self.prismatic]
 
     def _loaded(self) -> list[int]:
         return self._carrying() if self.load_known else []
@@ -163,7 +178,10 @@ def _load_places(nominal: SerialChain, at: Postures) -> Floats:
 
 
 def _upright(nominal: SerialChain, down: Direction) -> frozenset[int]:
-    """Joints (from 1) vertical at every posture: such as come before the first that is not."""
+    """Revolute joints (from 1) vertical at every posture: such as come before the first that is not. A prismatic joint
+    tilts none of those behind it.
+    """
+    revolute = ~nominal.prismatic
     axes = nominal.with_base(np.eye(4)).frames(np.zeros(nominal.n))[:-1, :3, 2]
-    leaning = np.linalg.norm(np.cross(axes, down), axis=-1) > UPRIGHT_RAD
-    return frozenset((np.flatnonzero(~np.logical_or.accumulate(leaning)) + 1).tolist())
+    leaning = revolute & (np.linalg.norm(np.cross(axes, down), axis=-1) > UPRIGHT_RAD)
+    return frozenset((np.flatnonzero(revolute & ~np.logical_or.accumulate(leaning)) + 1).tolist())

@@ -8,7 +8,13 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 
-from cellctl.calibration.model.effect import Effect, EffectInputs, OnlineTerms
+from cellctl.calibration.model.effect import (
+    Effect,
+    EffectInputs,
+    OnlineTerms,
+    prismatic_field,
+    prismatic_joints,
+)
 from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
 from cellctl.calibration.model.postures import Postures
 from cellctl.kinematics import Floats, SerialChain
@@ -32,8 +38,9 @@ _PHRASE = Phrase.of("flexibility by motor current", "joint")
 class MotorTorsion(Effect):
     """The reducer of each joint as a torsion spring between its motor and its link: Δθ = −F·I.
 
-    joints: how many. `flexibility{j}`, rad/A: how far joint j lags behind its reading, per ampere in the direction of
-    the joint. A spring is positive; a negative amount of many σ shows that a drive counts its current the other way
+    joints: how many. prismatic: those, from 1, that are: they have no amount. `flexibility{j}`, rad/A: how far joint j
+    lags behind its reading, per ampere in the direction of the joint. A spring is positive; a negative amount of many σ
+    shows that a drive counts its current the other way
     (scale −1 in the cell file's `currents`).
     The motor's torque includes friction, so the joint turns by friction too, where the current has it. Source:
     ANN-based precision compensation via optimization of point selection, section 2.2 (Δθ = F·I, F diagonal); the sign
@@ -44,6 +51,7 @@ class MotorTorsion(Effect):
 
     joints: int
     expected: float = EXPECTED_RAD_PER_A
+    prismatic: frozenset[int] = prismatic_field()
 
     group: ClassVar[Group] = "motor"
     title: ClassVar[str] = "Flexibility by motor current"
@@ -56,20 +64,25 @@ class MotorTorsion(Effect):
         currents = setup.at.currents
         if currents is None or not len(currents) or not np.isfinite(currents).all():
             return None
-        return cls(setup.chain.n) if np.ptp(currents, axis=0).max() > VARIES_A else None
+        varies = np.ptp(currents, axis=0).max() > VARIES_A
+        return cls(setup.chain.n, prismatic=prismatic_joints(setup.chain)) if varies else None
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One for each joint, rad/A."""
+        """One for each revolute joint, rad/A."""
         return tuple(
             Parameter(f"flexibility{j}", PER_A, self.group, f"A{j} flexibility", _PHRASE, str(j), j)
-            for j in range(1, self.joints + 1)
+            for j in self._revolute
         )
+
+    @property
+    def _revolute(self) -> list[int]:
+        return [j for j in range(1, self.joints + 1) if j not in self.prismatic]
 
     @property
     def sigma(self) -> Floats:
         """Prior 1 σ about 0, rad/A."""
-        return np.full(self.joints, self.expected)
+        return np.full(len(self._revolute), self.expected)
 
     def lacks(self, at: Postures) -> list[str]:
         """Rows without currents."""
@@ -78,9 +91,9 @@ class MotorTorsion(Effect):
         return [f"{words}: predicted without flexibility by motor current"] if without else []
 
     def turns(self, nominal: SerialChain, at: Postures) -> Floats:
-        """Φ (N, n, n): minus each joint's current in its own row."""
+        """Φ (N, n, K): minus each joint's current in its own row."""
         currents = np.zeros(at.q.shape) if at.currents is None else np.nan_to_num(at.currents)
-        return np.asarray(-currents[:, :, None] * np.eye(self.joints))
+        return np.asarray(-currents[:, :, None] * np.eye(self.joints)[:, np.array(self._revolute, int) - 1])
 
     def add_online(self, amounts: Floats, terms: OnlineTerms) -> None:
         """Nothing: a telegram does not tell what it depends on."""

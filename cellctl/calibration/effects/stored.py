@@ -10,14 +10,15 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 
 from cellctl.calibration.effects import Effect, kinds
-from cellctl.calibration.model.effect import STORED
+from cellctl.calibration.model.effect import STORED, WITH_DEFAULT
 
 KIND = "kind"
 
 
 def settings_of(effect: Effect) -> dict[str, Any]:
     """The settings of an effect as plain values, its group under `kind`."""
-    return {KIND: effect.group, **{_key(each): _plain(getattr(effect, each.name)) for each in _fields(type(effect))}}
+    stored = (each for each in _fields(type(effect)) if _is_stored(each, getattr(effect, each.name)))
+    return {KIND: effect.group, **{_key(each): _plain(getattr(effect, each.name)) for each in stored}}
 
 
 def effect_of(settings: Mapping[str, Any]) -> Effect:
@@ -43,6 +44,10 @@ def effect_of(settings: Mapping[str, Any]) -> Effect:
 
 def _fields(kind: type[Effect]) -> list[Field[Any]]:
     return [each for each in fields(kind) if each.init]  # type: ignore[arg-type]  # every effect is a dataclass
+
+
+def _is_stored(field: Field[Any], value: Any) -> bool:
+    return bool(field.metadata.get(WITH_DEFAULT, True) or value != field.default)
 
 
 def _key(field: Field[Any]) -> str:

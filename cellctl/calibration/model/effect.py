@@ -49,8 +49,22 @@ class OwnTurns:
         return np.asarray(arms[:, :, self.joints] * self.values[:, None, :])
 
 
+WITH_DEFAULT = "with default"
+"""Key of a field's metadata: whether model files hold the setting where it has its default; True unless stated."""
+
 STORED = "stored"
 """Key of a field's metadata: the name of a setting in model files, where that is not the field's."""
+
+
+def prismatic_field() -> frozenset[int]:
+    """The field of an effect of revolute joints for the joints (from 1) that are prismatic; stored where there are."""
+    return field(default=frozenset(), metadata={WITH_DEFAULT: False})
+
+
+def prismatic_joints(chain: SerialChain) -> frozenset[int]:
+    """Numbers, from 1, of the prismatic joints of a chain."""
+    return frozenset((np.flatnonzero(chain.prismatic) + 1).tolist())
+
 
 PRIOR_SCALES = (0.03, 3.3)
 """Least and greatest prior scale of an effect: at most three times what makers or published measurements state (sizes
@@ -158,7 +172,7 @@ class Effect(ABC):
         return bool(getattr(self, "joints", joints) == joints)
 
     def turns(self, nominal: SerialChain, at: Postures) -> Floats | OwnTurns | None:
-        """Φ (N, n, K): rad of each joint per unit of each amount; None where the effect turns no joint."""
+        """Φ (N, n, K): rad (m of a prismatic joint) of each joint per unit of each amount; None where it turns none."""
         return None
 
     def shifts(self, nominal: SerialChain, at: Postures) -> Floats | None:

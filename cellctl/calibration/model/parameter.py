@@ -111,11 +111,12 @@ _TURNED = {"a": "Z", "b": "Y", "c": "X"}
 def of_chain(chain: SerialChain) -> tuple[Parameter, ...]:
     """The parameters (P,) of a chain, in its order. Only this function reads a chain's names."""
     units = (RAD if turns else MM for turns in chain.parameter_turns)
-    return tuple(_of_chain(name, unit) for name, unit in zip(chain.parameters, units, strict=True))
+    zeros = {f"{'d' if slides else 'theta'}{number}" for number, slides in enumerate(chain.prismatic.tolist(), 1)}
+    return tuple(_of_chain(name, unit, name in zeros) for name, unit in zip(chain.parameters, units, strict=True))
 
 
 @cache
-def _of_chain(name: str, unit: Unit) -> Parameter:
+def _of_chain(name: str, unit: Unit, is_zero: bool) -> Parameter:
     kind, _, axis = name.partition("_")
     if kind in FRAMES:
         return _of_frame(name, unit, kind, axis)
@@ -127,7 +128,7 @@ def _of_chain(name: str, unit: Unit) -> Parameter:
     letters = name.rstrip("0123456789")
     number = name.removeprefix(letters)
     symbol = f"{_GREEK.get(letters, letters)}{number}"
-    group = "zeros" if letters == "theta" else "links"
+    group = "zeros" if is_zero else "links"
     return Parameter(name, unit, group, symbol, Phrase(symbol, symbol), joint=int(number), column=letters)
 
 

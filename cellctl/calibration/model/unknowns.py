@@ -34,6 +34,7 @@ class Tolerances:
 
     `link_mm` and `angle_deg` hold for a table's lengths and angles, and for the places and tilts of axes; `tool_mm` and
     `tool_deg` for a taught tool; `lost_zero_deg` for a joint that has lost its mastering, by a crash or a new motor.
+    The zero of a prismatic joint has `link_mm`, a lost one `lost_zero_mm`.
     `flat_mm` and `flat_rad` are flat priors (base and tool in an instrument's frame, sphere centres): too wide to
     affect a result, finite so that every problem is well posed. Each effect states its own prior.
 
@@ -47,6 +48,7 @@ class Tolerances:
     tool_mm: float = 2.0
     tool_deg: float = 0.5
     lost_zero_deg: float = 5.0
+    lost_zero_mm: float = 50.0
     flat_mm: float = 1000.0
     flat_rad: float = 1.0
 
@@ -290,6 +292,6 @@ def _sigma(parameter: Parameter, flat: frozenset[Group], tolerances: Tolerances)
         return tolerances.flat_rad if parameter.turns else tolerances.flat_mm
     if parameter.group == "tool":
         return float(np.deg2rad(tolerances.tool_deg)) if parameter.turns else tolerances.tool_mm
-    if parameter.group == "zeros":
+    if parameter.group == "zeros" and parameter.turns:
         return float(np.deg2rad(tolerances.joint_zero_deg))
     return float(np.deg2rad(tolerances.angle_deg)) if parameter.turns else tolerances.link_mm

@@ -233,7 +233,8 @@ class Task:
 
     def _found_anew(self, unknowns: Unknowns, flat: Floats) -> Floats:
         """Prior 1 σ (P,) of parameters that have been lost, or are new."""
-        lost = np.deg2rad(self.tolerances.lost_zero_deg)
+        turns = np.array([each.turns for each in unknowns.parameters])
+        lost = np.where(turns, np.deg2rad(self.tolerances.lost_zero_deg), self.tolerances.lost_zero_mm)
         sigma = np.where(unknowns.among(frozenset({"zeros"})), lost, unknowns.sigma)
         return np.asarray(np.where(unknowns.among(PLACED), flat, sigma))
 

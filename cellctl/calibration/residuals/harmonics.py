@@ -9,7 +9,7 @@ from typing import ClassVar, Self, TypeAlias, final
 
 import numpy as np
 
-from cellctl.calibration.model.effect import EffectInputs, OnlineTerms, OwnTurns
+from cellctl.calibration.model.effect import EffectInputs, OnlineTerms, OwnTurns, prismatic_field, prismatic_joints
 from cellctl.calibration.model.parameter import RAD, Group, Parameter, Phrase
 from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.model.residual_model import ResidualModel
@@ -43,8 +43,9 @@ _PHRASES = (
 class Harmonics(ResidualModel):
     """Each joint's error as waves of its own angle: Σ s_m sin mq + c_m (cos mq − 1).
 
-    joints: how many. orders: waves per turn of every joint. ripple: further waves as (joint from 1, waves per turn), in
-    model files from before all orders were fitted together. expected: prior RMS, rad, of each band (`BANDS`) of each
+    joints: how many. prismatic: those, from 1, that are: they have no waves. orders: waves per turn of every other
+    joint. ripple: further waves as (joint from 1, waves per turn), in model files from before all orders were fitted
+    together. expected: prior RMS, rad, of each band (`BANDS`) of each
     joint about 0: its amounts share the variance. `harmonic{j}_s{m}`, `…_c{m}`, rad.
 
     All waves of a band together are a random function of the joint's angle (a Gaussian process with a flat spectrum
@@ -61,11 +62,13 @@ class Harmonics(ResidualModel):
     orders: tuple[int, ...] = tuple(range(1, BANDS[-1][1] + 1))
     ripple: tuple[Wave, ...] = ()
     expected: float = EXPECTED_RAD
+    prismatic: frozenset[int] = prismatic_field()
 
     @cached_property
     def waves(self) -> tuple[Wave, ...]:
         """All waves, joint by joint, then the ripple; each once."""
-        regular = tuple((j + 1, m) for j in range(self.joints) for m in self.orders)
+        turning = (j for j in range(1, self.joints + 1) if j not in self.prismatic)
+        regular = tuple((j, m) for j in turning for m in self.orders)
         return tuple(dict.fromkeys(regular + self.ripple))
 
     group: ClassVar[Group] = "harmonics"
@@ -73,8 +76,8 @@ class Harmonics(ResidualModel):
 
     @classmethod
     def of_inputs(cls, setup: EffectInputs) -> Self:
-        """Of every joint."""
-        return cls(setup.chain.n)
+        """Of every revolute joint."""
+        return cls(setup.chain.n, prismatic=prismatic_joints(setup.chain))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -88,6 +88,7 @@ def urdf_into(
     URDF is another robot, or counts its joints otherwise.
     """
     chain = load_chain(path, tip)
+    _refuse_prismatic(str(path), chain)
     links = _link_frames(chain.joints)
     usual = reading_axes(nominal)
     root = _root_of_base(str(path), chain, links, usual)
@@ -144,6 +145,16 @@ def _root_of_base(file: str, chain: UrdfChain, links: list[Floats], usual: Readi
     off_deg = np.degrees(np.arccos(np.clip(np.sum(along * (usual.along @ turn.T), axis=1), -1.0, 1.0)))
     _refuse_others(file, [each[0] for each in placed], off_deg, off_mm)
     return pose(turn, shift)
+
+
+def _refuse_prismatic(file: str, chain: UrdfChain) -> None:
+    problems = [
+        Problem(file, joint.element.line, 0, f"joint '{joint.name}' is prismatic", "write a URDF without --into")
+        for joint in chain.joints
+        if joint.stated is not None and joint.stated.prismatic
+    ]
+    if problems:
+        raise InputError(problems)
 
 
 def _refuse_others(file: str, joints: list[UrdfJoint], off_deg: Floats, off_mm: Floats) -> None:

@@ -12,8 +12,10 @@ from cellctl.calibration.effects import (
     Harmonics,
     JointCompliance,
     JointField,
+    JointScale,
     MotorTorsion,
     OwnTurns,
+    Straightness,
     ThermalExpansion,
     ToolDeflection,
 )
@@ -23,6 +25,8 @@ from tests.helpers.arms import names_of
 
 SIZES = (0.1, 0.2, 0.05)
 MAKERS = {
+    "scale": lambda chain: JointScale((1,)),
+    "straightness": lambda chain: Straightness((1,), (-3.0,), (3.0,)),
     "deflection": lambda chain: ToolDeflection(0.41, 15.0),
     "compliance": lambda chain: JointCompliance.of(chain, load_known=True),
     "motor": lambda chain: MotorTorsion(chain.n),

@@ -9,8 +9,8 @@ from cellctl.calibration.problem.measured_region import MeasuredRegion
 from tests.helpers.arms import library_robot
 
 
-def test_harmonics_field_and_discrepancy_are_the_random_functions():
-    assert functions() == {"harmonics", "field", "discrepancy"} < set(kinds())
+def test_harmonics_straightness_field_and_discrepancy_are_the_random_functions():
+    assert functions() == {"harmonics", "straightness", "field", "discrepancy"} < set(kinds())
 
 
 def test_what_a_discrepancy_leaves_open_is_counted_once_by_the_measured_region():
