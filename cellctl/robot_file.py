@@ -333,7 +333,7 @@ def refuse_prismatic(robot: str, prismatic: Sequence[int], file: str, what: str)
     one = len(prismatic) == 1
     joints = f"joint{'' if one else 's'} {', '.join(map(str, prismatic))}"
     cure = "give a robot file of the arm alone, with `base` at the place of its carriage"
-    words = f"{joints} of {robot} {'is' if one else 'are'} prismatic: {what} has revolute joints only"
+    words = f"{joints} of {robot} {'is' if one else 'are'} prismatic: {what} is for revolute joints only"
     raise InputError(Problem(file, 0, 0, words, cure))
 
 

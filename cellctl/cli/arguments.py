@@ -55,6 +55,7 @@ CheckedCell = Annotated[
 Robot = Annotated[
     Path, typer.Argument(help="Robot file (link table, joints, base, tool), or a shipped name.", callback=_robot)
 ]
+FittedRobot = Annotated[Path, typer.Argument(help="Robot file, URDF (.urdf), or a shipped name.", callback=_robot)]
 RobotOption = Annotated[
     Path | None,
     typer.Option("--robot", help="Robot file or shipped name: checks number and limits of joints.", callback=_robot),

@@ -136,7 +136,10 @@ def _mastering(report: dict[str, Any]) -> Iterator[str]:
     if report["mastering"]:
         yield "Mastering: add to the controller's readings"
     for row in report["mastering"]:
-        yield f"  {row['joint']}  {row['offset_deg']:+.4f}°  (1 σ {row['sigma_deg']:.4f}°)"
+        if "offset_mm" in row:
+            yield f"  {row['joint']}  {row['offset_mm']:+.4f} mm  (1 σ {row['sigma_mm']:.4f} mm)"
+        else:
+            yield f"  {row['joint']}  {row['offset_deg']:+.4f}°  (1 σ {row['sigma_deg']:.4f}°)"
 
 
 def show_compared(found: ComparedFits) -> None:
@@ -161,7 +164,7 @@ def show_compared(found: ComparedFits) -> None:
 
 
 def fit(
-    robot: arguments.Robot,
+    robot: arguments.FittedRobot,
     data: Annotated[Path, typer.Argument(help="Data set, CSV (docs/reference/data-sets.md).")],
     measure: Annotated[
         str | None, typer.Option(help="Use rows of one kind: position|pose|sphere|plane|socket|distance. Default: all.")
@@ -196,6 +199,10 @@ def fit(
     prior_of_type: Annotated[
         Path | None, typer.Option(help="What other robots of this type were like, as `cellctl prior` writes it.")
     ] = None,
+    tip: Annotated[str | None, typer.Option(help="Of a robot given as URDF: its last link, if links branch.")] = None,
+    repeatability: Annotated[
+        float | None, typer.Option(help="Of a robot given as URDF: 1 σ, 3-D, mm.", min=0.001, max=100.0)
+    ] = None,
     check: Annotated[bool, typer.Option(help="Check for set-up errors first: units, signs, order of rows.")] = True,
     holdout: Annotated[float | None, typer.Option(help="Hold out this share of the rows, at random.")] = None,
     folds: Annotated[int | None, typer.Option(help="Cross-validate with K folds. Default: column set, else 5.")] = None,
@@ -221,15 +228,18 @@ def fit(
     After a crash: cellctl fit robot.yaml ten.csv --prior model.json --free zeros --out model2.json
 
     Several models: cellctl fit ur10 ur10.csv --compare usual --report compared.html
+
+    From a URDF: cellctl fit robot.urdf data.csv --tip tool0 --repeatability 0.05
     """
     began = time.perf_counter()
     judging = Judging(holdout, folds, column, by, seed)
     asked = Asked(measure, model, artefact, distances, spacing or (), own, prior, free, prior_of_type)
     asked.refuse(judging)
     refuse_outputs({"--out": out, "--report": page, "--json": json_}, [robot, data, artefact, prior, prior_of_type])
+    given = FitInput.load(robot, data, asked, tip=tip, repeatability=repeatability)
     if compare:
         _compare(
-            FitInput.load(robot, data, asked),
+            given,
             asked,
             judging,
             compare,
@@ -241,9 +251,7 @@ def fit(
         )
         return
 
-    found = fit_rows(
-        FitInput.load(robot, data, asked), asked, judging, shown_progress, check=check, processes=processes
-    )
+    found = fit_rows(given, asked, judging, shown_progress, check=check, processes=processes)
     report, unwritten = found.report, Unwritten()
     if out:
         with unwritten.noted():

@@ -267,7 +267,9 @@ def plan(
                 raise InputError(option(name, "is for targets, not for a layout", "leave it or --layout out"))
         refuse_json_on_stdout(json_, out, "the lines of the cell file")
         refuse_outputs({"--out": out, "--json": json_}, [robot, layout])
-        plan_layout(layout, RobotFile.load(robot), n, places, seed, out, json_)
+        file = RobotFile.load(robot)
+        file.refuse_prismatic(str(robot), "cellctl plan")
+        plan_layout(layout, file, n, places, seed, out, json_)
         return
     asked = Asked(
         "optimal" if optimal else method, n, held_out, box, angles, joints, path, dense, partitions, near, station,
@@ -296,6 +298,7 @@ def _targets(robot: Path, asked: Asked, seed: int) -> tuple[TargetSet, DesignFig
     them.
     """
     file = RobotFile.load(robot)
+    file.refuse_prismatic(str(robot), "cellctl plan")
     region, options = asked.region(file), asked.options(file)
     asked.raise_all()
     assert region is not None

@@ -83,7 +83,8 @@ def wide(result: FitResult) -> list[dict[str, Any]]:
 
 
 def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]:
-    """The correction of the controller's readings of each joint whose zero was identified, deg, and its 1 σ.
+    """The correction of the controller's readings of each joint whose zero was identified, deg, and its 1 σ; mm of a
+    prismatic joint.
 
     A joint that reads r is at sign · r + offset + θ. If θ is larger than before by δ, the joint reaches its assumed
     position at the reading r + sign · δ. Only where the zeros alone were free: if the links are free as well, an error
@@ -93,10 +94,13 @@ def mastering(measured: Measurements, result: FitResult) -> list[dict[str, Any]]
     if "zeros" not in freed or freed & {"links", "geometry"}:
         return []
     change, sigma = zero_changes(measured.task, result.identification.identified)
-    offsets = np.rad2deg(measured.robot.joint_map().sign * change)
+    joints = measured.robot.joint_map()
+    rows = zip((joints.sign * change).tolist(), sigma.tolist(), joints.units, strict=True)
     return [
-        {"joint": f"A{number}", "offset_deg": offset, "sigma_deg": spread}
-        for number, (offset, spread) in enumerate(zip(offsets.tolist(), np.rad2deg(sigma).tolist(), strict=True), 1)
+        {"joint": f"A{number}", "offset_mm": offset, "sigma_mm": spread}
+        if unit == "mm"
+        else {"joint": f"A{number}", "offset_deg": float(np.rad2deg(offset)), "sigma_deg": float(np.rad2deg(spread))}
+        for number, (offset, spread, unit) in enumerate(rows, 1)
     ]
 
 

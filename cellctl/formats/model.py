@@ -47,6 +47,9 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 FORMAT: Literal["cellctl model 1"] = "cellctl model 1"
 
+REGION_MARGIN_MM = 20.0
+"""The same of a prismatic joint."""
+
 REGION_MARGIN_DEG = 2.0
 """A reading this far outside those of the fit still counts as inside."""
 
@@ -117,7 +120,7 @@ class SessionPlace(BaseModel):
 
 @final
 class JointRegion(BaseModel):
-    """Least and greatest controller reading of each joint among the rows of the fit, deg.
+    """Least and greatest controller reading of each joint among the rows of the fit, deg (mm of a prismatic joint).
 
     postures: readings, deg, spread over those of the fit, with the distance (length, deg) at which two of them share 60
     % of a smooth error: these give how far outside other postures are. None in older files. within: the share of such
@@ -155,9 +158,10 @@ class JointRegion(BaseModel):
             return PostureBasis(joints.model(np.array(self.postures)), float(np.deg2rad(self.length)))
         return JointBox(*self.bounds(joints))
 
-    def inside(self, readings: Floats) -> Bools:
-        """Which readings (N, n), deg, lie in the region (N,)."""
-        return np.asarray((self._beyond(readings) <= REGION_MARGIN_DEG).all(axis=1))
+    def inside(self, readings: Floats, joints: JointMap) -> Bools:
+        """Which readings (N, n), deg or mm, lie in the region (N,)."""
+        margins = [REGION_MARGIN_MM if unit == "mm" else REGION_MARGIN_DEG for unit in joints.units]
+        return np.asarray((self._beyond(readings) <= margins).all(axis=1))
 
     def _beyond(self, readings: Floats) -> Floats:
         return np.asarray(np.maximum(np.maximum(np.array(self.min) - readings, readings - np.array(self.max)), 0.0))
@@ -353,7 +357,7 @@ class ModelFile(BaseModel):
         model extrapolates.
         """
         far = self._nominal().outside(self.robot.joint_map().model(readings)) > OUTSIDE
-        return self.joint_region.inside(readings) & ~far
+        return self.joint_region.inside(readings, self.robot.joint_map()) & ~far
 
     def measured_region(self) -> MeasuredRegion:
         """The measured region, in model angles."""

@@ -41,8 +41,10 @@ class CorrectionFile(BaseModel):
         """Of an identified robot, with the payload and temperature difference of `at`, one posture, throughout.
 
         Where a table's rows are allowed, the correction is whole; outside it fades to zero over another such margin.
-        Raises ValueError for a model with an effect that cannot be computed on-line.
+        Raises ValueError for a model with an effect that cannot be computed on-line, InputError for a robot with a
+        prismatic joint.
         """
+        model.robot.refuse_prismatic(model.robot.name, "an on-line correction")
         region = model.joint_region
         found = online_arrays(
             model.robot_model(),

@@ -56,6 +56,7 @@ def robot_errors(
     many is used. Left out are rows that are outliers for a geometric fit and also FAR away from the middle of all
     errors: what geometry alone does not explain is to be analysed. Raises InputError where the rows do not allow it.
     """
+    measured.robot.refuse_prismatic(measured.data.file, "an analysis of similarity")
     total = len(measured.lines)
     chosen = np.sort(np.random.default_rng([seed, 32]).permutation(total)[:most])
     task, rows = measured.task, measured.task.rows.pick(chosen)

@@ -105,11 +105,15 @@ def _cell(
     return replace(cell, warnings=(*cell.warnings, *commissioning_warnings(cell, drivers)))
 
 
+def _robot(file: Path) -> None:
+    RobotFile.load(file).refuse_prismatic(str(file), "a campaign")
+
+
 def _robot_and_artefact(cell: Cell) -> list[Problem]:
     """Errors in the robot file that the cell names, and in its artefact, if any."""
     problems: list[Problem] = []
     artefact = (lambda: artefact_of(cell.document, ("artefact",)),) if "artefact" in cell.document.data else ()
-    for load in (lambda: RobotFile.load(cell.robot_file), *artefact):
+    for load in (lambda: _robot(cell.robot_file), *artefact):
         try:
             load()
         except InputError as error:

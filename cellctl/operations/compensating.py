@@ -228,7 +228,10 @@ def try_targets(
 
 
 def refuse_model(model: ModelFile, file: str) -> None:
-    """Raise InputError if targets, as those of `file`, lack data that `model` needs for a prediction."""
+    """Raise InputError if targets, as those of `file`, lack data that `model` needs for a prediction, or its robot has
+    a prismatic joint.
+    """
+    model.robot.refuse_prismatic(file, "a compensation")
     loads = model.load_region
     if loads and loads.min < loads.max and loads.min > 0.0:
         what = f"the model was identified with {loads.min:g} … {loads.max:g} kg, and a table is for no payload"

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from cellctl.calibration import FitResult, Split, fit
 from cellctl.calibration.identification.progress import Progress, silent
 from cellctl.calibration.verdict.comparison import ComparedFits
-from cellctl.files import Document, InputError, Problem, load_yaml, sha256_of
+from cellctl.files import Document, InputError, Problem, load_yaml, parse_yaml, sha256_of
 from cellctl.files.kinds import ROBOT
 from cellctl.formats import (
     Artefact,
@@ -29,8 +29,10 @@ from cellctl.formats import (
     measurements,
     only,
 )
+from cellctl.formats.description import robot_text
 from cellctl.formats.measurements import refuse_alike
 from cellctl.formats.type_prior import USED, TypePriorFile, with_type_prior
+from cellctl.formats.urdf import load_urdf
 from cellctl.operations.fit_options import Asked, Judging, option
 from cellctl.operations.fold_processes import FoldProcesses
 from cellctl.operations.results import as_json, from_json
@@ -138,12 +140,17 @@ class FitInput:
         return cls(document, robot_file, rows, points, older, of_type)
 
     @classmethod
-    def load(cls, robot: Path, data: Path, asked: Asked) -> Self:
-        """Read the files of a fit. Raises InputError with all their errors; swapped files are recognised."""
+    def load(
+        cls, robot: Path, data: Path, asked: Asked, *, tip: str | None = None, repeatability: float | None = None
+    ) -> Self:
+        """Read the files of a fit. Raises InputError with all their errors; swapped files are recognised.
+
+        tip, repeatability: of a robot given as URDF, see `robot_of`.
+        """
         artefact, prior = asked.artefact, asked.prior
         try:
             return cls.read(
-                lambda: robot_of(robot),
+                lambda: robot_of(robot, tip, repeatability),
                 lambda: DataSet.load(data),
                 lambda: load_artefact(artefact) if artefact else None,
                 lambda: ModelFile.load(prior) if prior else None,
@@ -267,8 +274,20 @@ def requested_rows(request: Mapping[str, Any]) -> tuple[Measurements, Split]:
     return measured, split_of(measured, from_json(Judging, request["judging"]))[0]
 
 
-def robot_of(path: Path) -> tuple[Document, RobotFile]:
-    """The robot file, read once: it may change while the fit runs, or be a pipe."""
+def robot_of(path: Path, tip: str | None = None, repeatability: float | None = None) -> tuple[Document, RobotFile]:
+    """The robot file, read once: it may change while the fit runs, or be a pipe. A URDF is read as `poe`.
+
+    tip: the URDF's last link, where its links branch; repeatability: 1 σ, mm, which a URDF does not state. Raises
+    InputError, also where one of them is given beside a robot file.
+    """
+    if path.suffix.lower() == ".urdf":
+        described = replace(load_urdf(path, tip), repeatability=repeatability)
+        document = parse_yaml(robot_text(described, "poe", str(path)), f"{path} as poe")
+        return document, RobotFile.from_document(document)
+    given = {"--tip": tip, "--repeatability": repeatability}
+    if beside := [name for name, value in given.items() if value is not None]:
+        cure = f"leave it out, or change it in {path}"
+        raise InputError(Problem(name, 0, 0, "is for a robot given as URDF", cure) for name in beside)
     document = load_yaml(path, ROBOT)
     return document, RobotFile.from_document(document)
 

@@ -84,7 +84,9 @@ def predict_rows(model: ModelFile, data: DataSet, *, frame: str = "base") -> Pre
 
 def _refuse_radians(model: ModelFile, data: DataSet, readings: Floats) -> None:
     """Raise InputError where all readings, deg, are outside the measured region, and all would be inside as radians."""
-    if data.has("A1") and not model.inside(readings).any() and model.inside(np.rad2deg(readings)).all():
+    slides = model.robot.joint_map().prismatic
+    in_degrees = np.rad2deg(readings) if slides is None else np.where(slides, readings, np.rad2deg(readings))
+    if data.has("A1") and not model.inside(readings).any() and model.inside(in_degrees).all():
         last = readings.shape[1]
         what = f"A1…A{last} are radians: no row is inside the measured region as degrees, and all are as radians"
         raise InputError(Problem(data.file, 1, 0, what, f"write degrees, or name the columns q1…q{last}"))

@@ -299,7 +299,9 @@ class TableCell:
             raise InputError(
                 Problem("--state", 0, 0, "is a simulated cell's memory; this cell is real", "leave it out")
             )
-        return cls(cell, RobotFile.load(cell.robot_file), drivers, _table_keeper(cell, drivers), seed, state)
+        robot = RobotFile.load(cell.robot_file)
+        robot.refuse_prismatic(str(cell.robot_file), "a compensation table")
+        return cls(cell, robot, drivers, _table_keeper(cell, drivers), seed, state)
 
     def carry_out(self, work: Callable[[TableStore, Identity], Awaitable[Answer]]) -> Answer:
         """The result of `work` on the connected device and its identity. Raises what it raises, and DeviceError."""

@@ -113,19 +113,21 @@ def _units(setup: Setup) -> Iterator[_Unit]:
                 what = f"{', '.join(columns)} {look} like {name} (× {factor:g})"
                 yield _Unit(what, columns, partial(_sizes, axes), partial(_scaled, axes, factor), whole=len(axes) == 1)
     if np.count_nonzero(_turned_little(setup)) >= AT_LEAST:
-        columns = tuple(f"A{joint + 1}" for joint in range(setup.n))
+        columns = tuple(f"A{joint + 1}" for joint in np.flatnonzero(setup.revolute))
         what = f"{columns[0]}…{columns[-1]} look like radians (× 180/π)"
-        yield _Unit(what, columns, lambda of: np.abs(of.readings).max(axis=1), _in_radians)
+        yield _Unit(what, columns, lambda of: np.abs(of.readings[:, of.revolute]).max(axis=1), _in_radians)
 
 
 def _turned_little(setup: Setup) -> Bools:
     """Rows (M,) whose readings may be radians."""
-    return np.asarray(np.abs(setup.readings).max(axis=1) < RADIANS_UP_TO)
+    turning = np.abs(setup.readings[:, setup.revolute])
+    return np.asarray((turning < RADIANS_UP_TO).all(axis=1)) if turning.size else np.zeros(len(turning), bool)
 
 
 def _in_radians(setup: Setup, which: Bools) -> Setup:
     mine = which & _turned_little(setup)
-    return setup.with_readings(np.where(mine[:, None], np.rad2deg(setup.readings), setup.readings))
+    mine = mine[:, None] & setup.revolute
+    return setup.with_readings(np.where(mine, np.rad2deg(setup.readings), setup.readings))
 
 
 def _sizes(axes: list[int], setup: Setup) -> Floats:
@@ -151,7 +153,7 @@ def _change(unit: _Unit, found: Bools) -> Change:
     count = int(np.count_nonzero(found))
     more = f", … ({count} rows)" if len(stretches) > NAMED else ""
     where = "all rows" if found.all() else f"{', '.join(places)}{more}"
-    cure = f"write {', '.join(unit.columns)} in one unit: {'degrees' if unit.columns[0] == 'A1' else 'mm'}"
+    cure = f"write {', '.join(unit.columns)} in one unit: {'degrees' if unit.columns[0].startswith('A') else 'mm'}"
     return Change(f"in {where} {unit.what}", "data", cure, unit.columns, tuple(rows))
 
 

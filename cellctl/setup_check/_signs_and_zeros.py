@@ -139,7 +139,7 @@ def rough_sizes(setup: Setup, sign: Floats, offset: Floats) -> Floats:
 
 def _sizes_of_rows(setup: Setup, sign: Floats, offset: Floats) -> Floats:
     signs, offsets = sign * setup.joints.sign, offset + setup.joints.offset
-    q = np.deg2rad(signs[:, None] * setup.readings + offsets[:, None])
+    q = setup.joints.in_model_units(signs[:, None] * setup.readings + offsets[:, None])
     squares, start = [], 0
     for block in setup.task.rows.blocks:
         if len(block):
@@ -243,11 +243,16 @@ def _combined(setup: Setup, count: int, ways: list[tuple[float, float]]) -> list
 
 def _observable(setup: Setup, joint: int, ways: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Those of `ways` that these rows can show. Another zero of the first joint is equivalent to another heading of
-    base or points; one of the last joint, to another rotation of a registered tool. Neither does harm.
+    base or points; one of the last joint, to another rotation of a registered tool. Neither does harm. A prismatic
+    joint may be reversed; its zero is found by the identification, however large.
     """
     instrument = bool(setup.task.rows.of_instrument.any())
     of_base = joint == 0 and (not instrument or "base" in setup.task.registered)
-    if of_base or (joint == setup.n - 1 and instrument and "tool" in setup.task.registered):
+    if (
+        of_base
+        or not setup.revolute[joint]
+        or (joint == setup.n - 1 and instrument and "tool" in setup.task.registered)
+    ):
         return [(sign, angle) for sign, angle in ways if angle == 0.0]
     return ways
 

@@ -32,17 +32,33 @@ SMALL_MM = 50.0
 
 
 def other_unit(setup: Setup) -> Iterator[Hypothesis]:
-    """All readings are radians that were read as degrees, or the other way round."""
-    largest = float(np.abs(setup.readings).max())
-    degrees, radians = ([f"{letter}{joint + 1}" for joint in range(setup.n)] for letter in "Aq")
+    """All readings are radians that were read as degrees, or the other way round; or a prismatic joint's are not mm."""
+    yield from _other_travel_unit(setup)
+    turning = setup.revolute
+    if not turning.any():
+        return
+    largest = float(np.abs(setup.readings[:, turning]).max())
+    degrees, radians = ([f"{letter}{joint + 1}" for joint in np.flatnonzero(turning)] for letter in "Aq")
     if largest < RADIANS_UP_TO:
         cure = f"name the columns q1…q{setup.n}, which are in radians, or write degrees"
         change = Change("joint readings are radians in columns of degrees", "data", cure, tuple(degrees))
-        yield Hypothesis((change,), setup.with_readings(np.rad2deg(setup.readings)))
+        readings = np.where(turning, np.rad2deg(setup.readings), setup.readings)
+        yield Hypothesis((change,), setup.with_readings(readings))
     if largest > DEGREES_FROM:
         cure = f"name the columns A1…A{setup.n}, which are in degrees, or write radians"
         change = Change("joint readings are degrees in columns of radians", "data", cure, tuple(radians))
-        yield Hypothesis((change,), setup.with_readings(np.deg2rad(setup.readings)))
+        readings = np.where(turning, np.deg2rad(setup.readings), setup.readings)
+        yield Hypothesis((change,), setup.with_readings(readings))
+
+
+def _other_travel_unit(setup: Setup) -> Iterator[Hypothesis]:
+    for joint in np.flatnonzero(~setup.revolute):
+        name = f"A{joint + 1}"
+        for unit, factor in UNITS.items():
+            change = Change(f"{name} is {unit}", "data", f"write {name}, a prismatic joint, in mm", (name,))
+            readings = setup.readings.copy()
+            readings[:, joint] *= factor
+            yield Hypothesis((change,), setup.with_readings(readings))
 
 
 def swapped_columns(setup: Setup) -> Iterator[Hypothesis]:

@@ -12,7 +12,7 @@ from cellctl.calibration.model.postures import Postures
 from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows import Measured
 from cellctl.calibration.rows.row_blocks import RowBlocks
-from cellctl.kinematics import Floats, JointMap, SerialChain
+from cellctl.kinematics import Bools, Floats, JointMap, SerialChain
 
 Source: TypeAlias = Literal["robot", "data", "artefact"]
 """The file that holds the error: the robot file, the data set, or the file with the size of the spheres."""
@@ -37,6 +37,11 @@ class Setup:
         return self.joints.n
 
     @property
+    def revolute(self) -> Bools:
+        """Which joints (n,) are revolute: their readings may be degrees or radians."""
+        return np.array([unit == "°" for unit in self.joints.units])
+
+    @property
     def positions(self) -> Floats:
         """Measured positions (M, 3), mm; NaN for rows of other kinds."""
         return np.concatenate(
@@ -52,7 +57,7 @@ class Setup:
 
     def with_joints(self, sign: Floats, offset: Floats) -> Self:
         """The same readings of joints with other signs (n,) and offsets (n,), deg."""
-        return replace(self, joints=JointMap(sign, offset))._with_angles()
+        return replace(self, joints=replace(self.joints, sign=sign, offset=offset))._with_angles()
 
     def with_chain(self, chain: SerialChain) -> Self:
         """The same measurements of another nominal robot."""

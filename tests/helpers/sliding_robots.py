@@ -27,7 +27,7 @@ HIGH = np.array([140.0, 20.0, 140.0, 170.0, 110.0, 170.0])
 
 
 def sliding_robot_text(kind: str) -> str:
-    """The robot file (poe) of the KR 5 on a `rail` along X, on a `lift` along Z, or with a `quill` along the flange's z."""
+    """The robot file (poe) of the KR 5 on a `rail` along X, on a `lift` along Z, or with a `quill` along its flange's z."""
     arm = in_poe(RobotFile.load(KR5_FILE))
     screws = [f"  - {{axis: {list(row.axis)}, point: {list(row.point)}}}" for row in arm.screws]
     joints = [
@@ -104,14 +104,19 @@ class SlidingRobot:
         return readings, measured, ["fit"] * fit + ["test"] * test
 
 
-def write_case(folder: Path, kind: str, *, seed: int = 0, fit: int = 200, test: int = 100) -> tuple[Path, Path]:
-    """Robot file and data set of a case, in `folder`."""
+def write_case(
+    folder: Path, kind: str, *, seed: int = 0, fit: int = 200, test: int = 100, si: bool = False
+) -> tuple[Path, Path]:
+    """Robot file and data set of a case, in `folder`. si: columns q1…q7 in m and rad in place of A1…A7."""
     robot, data = folder / f"{kind}.yaml", folder / f"{kind}_{seed}.csv"
     robot.write_text(sliding_robot_text(kind))
     readings, xyz, sets = SlidingRobot(kind, seed).rows(fit, test)
-    head = ",".join([*(f"A{number}" for number in range(1, 8)), "X", "Y", "Z", "set"])
+    if si:
+        slides = np.arange(7) == (0 if kind != "quill" else 6)
+        readings = np.where(slides, readings / 1000.0, np.deg2rad(readings))
+    head = ",".join([*(f"{'q' if si else 'A'}{number}" for number in range(1, 8)), "X", "Y", "Z", "set"])
     lines = [
-        ",".join([*(f"{value:.4f}" for value in row), *(f"{value:.4f}" for value in place), name])
+        ",".join([*(f"{value:.8f}" for value in row), *(f"{value:.4f}" for value in place), name])
         for row, place, name in zip(readings.tolist(), xyz.tolist(), sets, strict=True)
     ]
     data.write_text("\n".join([head, *lines]) + "\n")

@@ -96,7 +96,8 @@ def placing(task: Task, nominal: State, rows: RowBlocks) -> Placing | None:
 
 
 def zero_changes(task: Task, found: Estimate) -> tuple[Floats, Floats]:
-    """Change of each joint's zero (n,) from `task.model` to `found`, and its 1 σ (n,), rad.
+    """Change of each joint's zero (n,) from `task.model` to `found`, and its 1 σ (n,), rad; mm of a
+    prismatic joint.
 
     With the errors e of the prior model the new zeros are wrong by A e_held + noise, their change by A e_held −
     e_zeros + noise; Σ_new holds A Σ_held Aᵀ + noise, and A Σ_held beside it.

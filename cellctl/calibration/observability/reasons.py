@@ -18,7 +18,7 @@ from cellctl.calibration.model.unknowns import State, Unknowns
 from cellctl.calibration.observability.other_postures import brought, lines, moved, thinned, under
 from cellctl.calibration.rows import Measured, SpacingRows, TouchRows
 from cellctl.calibration.rows.fixed_points import planes_of, pole_of
-from cellctl.kinematics import Bools, Floats, rotation_vector
+from cellctl.kinematics import MM_PER_M, Bools, Floats, rotation_vector
 
 MOVED_RAD = 0.8
 """Joints are imagined to move by up to so much, rad, 46° to either side: what a person would do, within most joints'
@@ -41,7 +41,8 @@ STEP_MM = 200.0
 """Height of the step, known exactly, that gives a plane a length."""
 
 STILL_DEG = 0.1
-"""A joint with a smaller range does not move: a controller's last digits."""
+"""A joint with a smaller range does not move: a controller's last digits. For a prismatic joint 1° here and below is
+17 mm, as its coordinate is m: on an arm of a metre both move the TCP alike."""
 
 HARDLY_DEG = 20.0
 """A joint or an orientation with a smaller range is reported with that range."""
@@ -266,7 +267,9 @@ def _joints(rows: Rowed) -> Iterator[Reason]:
         words = f"{_listed('joint', still)} never move{'s' if still.sum() == 1 else ''} in these rows"
         yield _with_joints(rows, words, still)
     if hardly.any():
-        few = [f"{covered[joint]:.2g}°" for joint in np.flatnonzero(hardly)]
+        slides = rows.state.model.chain.prismatic
+        mm = MM_PER_M * np.deg2rad(covered)
+        few = [f"{mm[at]:.3g} mm" if slides[at] else f"{covered[at]:.2g}°" for at in np.flatnonzero(hardly)]
         verb = "moves" if hardly.sum() == 1 else "move"
         yield _with_joints(rows, f"{_listed('joint', hardly)} {verb} by {', '.join(few)} only", hardly)
 

@@ -73,6 +73,7 @@ def measure(beside: str, folder: str, keep: str, **unit: Any) -> dict[str, Any]:
     beside: folder that files are relative to. folder, keep: of campaigns; a fit writes no file.
     """
     document, robot = robot_of(_robot_file(Path(beside), unit))
+    robot.refuse_prismatic(document.file, "a study of fits")
     rng = np.random.default_rng([unit["seed"], 30])
     truth = _drawn(robot, unit["spread"], rng)
     phases = rng.uniform(0.0, 2.0 * np.pi, robot.n)

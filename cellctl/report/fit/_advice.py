@@ -37,9 +37,11 @@ def hints(story: FitStory) -> list[str]:
 
 def _still_joints(story: FitStory) -> Iterator[str]:
     used, limits = story.readings[story.used], story.robot.limits()
-    for name, covered, (low, high) in zip(story.joints, np.ptp(used, axis=0), limits, strict=True):
-        if covered < min(STILL_DEG, 0.25 * (high - low)):
-            yield f"{name} covered only {covered:.0f}° of {high - low:.0f}°: spread it."
+    units = story.robot.joint_map().units
+    for number, (unit, covered, (low, high)) in enumerate(zip(units, np.ptp(used, axis=0), limits, strict=True), 1):
+        mm = " mm" if unit == "mm" else unit
+        if covered < min(STILL_DEG if unit == "°" else np.inf, 0.25 * (high - low)):
+            yield f"A{number} covered only {covered:.0f}{mm} of {high - low:.0f}{mm}: spread it."
 
 
 def _orientation(story: FitStory) -> Iterator[str]:

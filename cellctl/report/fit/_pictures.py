@@ -78,6 +78,11 @@ def thinned(sizes: Floats, most: int) -> Any:
     return np.sort(np.concatenate([largest, evenly]))
 
 
+def axis_label(joint: str) -> str:
+    """A joint's name with the unit of its reading; a prismatic joint's name has it already (`FitStory.joints`)."""
+    return joint if joint.endswith("(mm)") else f"{joint}, °"
+
+
 def joint_pictures(rows: Residuals, joints: Sequence[str]) -> list[str]:
     """Residuals along each joint's motion over its reading, before above after. Outliers are not drawn."""
     groups = [range(start, min(start + ABREAST, len(joints))) for start in range(0, len(joints), ABREAST)]
@@ -97,7 +102,7 @@ def _picture(rows: Residuals, joints: Sequence[str], group: range) -> str:
             row[0].set_ylabel(f"{label}, mm")
             row[0].set_ylim(-1.08 * (greatest or 1e-3), 1.08 * (greatest or 1e-3))
         for axes, joint in zip(grid[1], group, strict=True):
-            axes.set_xlabel(f"{joints[joint]}, °")
+            axes.set_xlabel(axis_label(joints[joint]))
 
     return svg_of(draw, f"joints{group.start}", 3.0, "Residual of every row against each joint, before and after")
 
@@ -364,7 +369,7 @@ def _region_picture(curves: Sequence[Curve], readings: Floats, joints: Sequence[
             counts, edges = np.histogram(readings[:, joint], 24, (float(np.min(at)), float(np.max(at))))
             axes.stairs(0.3 * highest * counts / max(int(counts.max()), 1), edges, fill=True, color=FAINT)
             axes.plot(at, sigma, color=ACCENT, linewidth=1.4)
-            axes.set(xlabel=f"{joints[joint]}, °", ylim=(0.0, 1.08 * highest))
+            axes.set(xlabel=axis_label(joints[joint]), ylim=(0.0, 1.08 * highest))
         grid[0].set_ylabel("1 σ, mm")
 
     return svg_of(draw, f"region{group[0]}", 1.8, "Predicted standard deviation of the TCP along each joint")

@@ -15,7 +15,7 @@ from cellctl.kinematics.low_discrepancy import spread_over
 from cellctl.report.fit._story import FitStory
 
 _AWAY_DEG = 60.0
-"""Distance beyond the region of the fit that is evaluated for a joint, within its limits."""
+"""Distance beyond the region of the fit that is evaluated for a joint, within its limits; of a prismatic one 1 m."""
 
 _STEPS, _SAMPLES = 25, 64
 
@@ -88,15 +88,13 @@ def bound_in_words(story: FitStory) -> str:
 
 
 def curves(story: FitStory, region: RegionSigma) -> list[tuple[Floats, Floats]]:
-    """Of each joint: its readings (S,), deg, and σ of points among themselves there, mm, the other joints varied."""
+    """Of each joint: readings (S,), deg or mm, and σ of points among themselves there, mm, the other joints varied."""
     joints, found = story.robot.joint_map(), [along_joint(story, region, joint) for joint in range(region.model.n)]
-    return [
-        (joints.sign[joint] * (np.rad2deg(q) - joints.offset[joint]), sigma) for joint, (q, sigma) in enumerate(found)
-    ]
+    return [(joints.readings(np.tile(q[:, None], joints.n))[:, joint], sigma) for joint, (q, sigma) in enumerate(found)]
 
 
 def along_joint(story: FitStory, region: RegionSigma, joint: int) -> tuple[Floats, Floats]:
-    """Model angles (S,), rad, of `joint`, and σ there, RMS over the others, mm."""
+    """Model coordinates (S,), rad or m, of `joint`, and σ there, RMS over the others, mm."""
     away, limits = np.deg2rad(_AWAY_DEG), story.limits[joint]
     first = min(region.lower[joint], max(limits[0], region.lower[joint] - away))
     last = max(region.upper[joint], min(limits[1], region.upper[joint] + away))

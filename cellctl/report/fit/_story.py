@@ -85,8 +85,9 @@ class FitStory:
 
     @property
     def joints(self) -> list[str]:
-        """The joints' names."""
-        return [f"A{number + 1}" for number in range(self.robot.n)]
+        """The joints' names; those of prismatic joints with their unit: `A1 (mm)`."""
+        units = self.robot.joint_map().units
+        return [f"A{number}{' (mm)' if unit == 'mm' else ''}" for number, unit in enumerate(units, 1)]
 
     @property
     def sessions(self) -> list[str]:

@@ -17,6 +17,7 @@ from cellctl.report.figures import fixed, percent, significant, with_sigma
 from cellctl.report.fit import _pictures as pictures
 from cellctl.report.fit._by_place import EACH, SphereErrors, place_picture, sphere_maps
 from cellctl.report.fit._pictures import (
+    axis_label,
     coverage,
     drifts,
     explained,
@@ -54,7 +55,7 @@ def identification_sections(residuals: ResidualsRow, found: IdentificationRow) -
         "unobservable": unobservable(found),
         "region": region(rows, found),
         "hints": found.hints,
-        "advice": found.advice,
+        "advice": found.advice and {**found.advice, "joints": [axis_label(name) for name in found.advice["joints"]]},
         "joint_names": found.joints,
         "left_out": found.left_out,
     }
@@ -153,7 +154,9 @@ def region(rows: Residuals, found: IdentificationRow) -> Section | None:
         return None
     readings = rows.readings[rows.fitted]
     curves = [(np.array(at), np.array(sigma)) for at, sigma in found.along_joint]
-    ends = zip(found.joints, readings.min(axis=0).tolist(), readings.max(axis=0).tolist(), strict=True)
+    names = [name.removesuffix(" (mm)") for name in found.joints]
+    units = [" mm" if name.endswith("(mm)") else "°" for name in found.joints]
+    ends = zip(names, readings.min(axis=0).tolist(), readings.max(axis=0).tolist(), units, strict=True)
     return {
         "figures": {
             name: (significant(rms), significant(found.sigma_max_mm[name])) for name, rms in found.sigma_rms_mm.items()

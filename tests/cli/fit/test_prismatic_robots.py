@@ -1,0 +1,122 @@
+"""`cellctl fit` and its companions with a robot on a rail, on a lift, and with a quill, as a person calls them."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from cellctl.cli import exit_codes
+from cellctl.cli.verbs import app
+from cellctl.formats import ModelFile
+from tests.helpers.sliding_robots import SCALE, SlidingRobot, write_case
+
+FLOOR_MM = 0.0422
+"""Mean distance by the noise of robot and instrument alone."""
+
+
+@pytest.fixture
+def cellctl(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: exit_codes.exit_code_of(lambda: app([str(word) for word in words], standalone_mode=False))
+
+
+def fitted(cellctl, tmp_path, *words):
+    assert cellctl("fit", *words, "--column", "set", "--json", "fit.json", "--out", "model.json") == 0
+    return json.loads((tmp_path / "fit.json").read_text()), ModelFile.load(tmp_path / "model.json")
+
+
+def value(model, name):
+    (found,) = (each for each in model.parameters if each.name == name)
+    return found
+
+
+def test_a_robot_on_a_lift_is_fitted_from_its_urdf_and_a_csv_in_one_command(cellctl, tmp_path):
+    write_case(tmp_path, "lift", fit=90, test=40, si=True)
+    assert cellctl("convert", "lift.yaml", "--to", "urdf", "-o", "lift.urdf") == 0
+    words = ("lift.urdf", "lift_0.csv", "--repeatability", "0.03", "--model", "geometry+scale+straightness")
+    report, model = fitted(cellctl, tmp_path, *words)
+    assert report["nominal"]["mean"] > 0.6 > 0.12 > report["test"]["mean"]
+    assert model.robot.prismatic == (1,)
+    assert value(model, "scale1").value == pytest.approx(SCALE, abs=4.0 * value(model, "scale1").sigma)
+
+
+def test_what_a_urdf_does_not_state_is_asked_for(cellctl, tmp_path, capsys):
+    write_case(tmp_path, "lift", fit=20, test=5, si=True)
+    cellctl("convert", "lift.yaml", "--to", "urdf", "-o", "lift.urdf")
+    assert cellctl("fit", "lift.urdf", "lift_0.csv") == 2
+    assert "give it: --repeatability MM" in capsys.readouterr().err
+    assert cellctl("fit", "lift.yaml", "lift_0.csv", "--repeatability", "0.03") == 2
+    assert "--repeatability: is for a robot given as URDF" in capsys.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "mm", "model_mm"), [("rail", 0.7, 1.25), ("lift", 0.6, 1.2), ("quill", 0.7, 1.2)])
+def test_auto_brings_every_kind_to_its_noise(cellctl, tmp_path, kind, mm, model_mm):
+    robot, data = write_case(tmp_path, kind)
+    report, model = fitted(cellctl, tmp_path, robot, data)
+    assert report["nominal"]["mean"] > mm
+    assert report["test"]["mean"] < model_mm * FLOOR_MM
+    assert ("straightness" in report["model"]) == (kind != "quill")
+    number = model.robot.prismatic[0]
+    scale = value(model, f"scale{number}")
+    assert scale.value == pytest.approx(SCALE, abs=4.0 * scale.sigma)
+
+
+@pytest.fixture
+def railed(cellctl, tmp_path):
+    """A model of the rail robot; its robot file, data set and model are rail.yaml, rail_0.csv, model.json."""
+    write_case(tmp_path, "rail", fit=90, test=40)
+    fitted(cellctl, tmp_path, "rail.yaml", "rail_0.csv", "--model", "geometry+scale+straightness")
+    return ModelFile.load(tmp_path / "model.json")
+
+
+def test_a_model_predicts_the_tool_along_the_rail(cellctl, railed, tmp_path):
+    assert cellctl("predict", "model.json", "rail_0.csv", "--out", "predicted.csv") == 0
+    with (tmp_path / "predicted.csv").open() as stream:
+        found = np.array([[float(row[name]) for name in "XYZ"] for row in csv.DictReader(stream)])
+    readings, _, sets = SlidingRobot("rail").rows(90, 40)
+    away = np.linalg.norm(found - SlidingRobot("rail").tcp(readings), axis=1)[np.array(sets) == "test"]
+    assert away.mean() < 0.1
+
+
+def test_a_rails_report_has_mm_beside_degrees(cellctl, railed, tmp_path):
+    words = ("rail.yaml", "rail_0.csv", "--column", "set", "--model", "geometry", "--report", "report.html")
+    assert cellctl("fit", *words) in (0, 1)
+    page = (tmp_path / "report.html").read_text()
+    assert "A1 (mm)" in page
+    assert "A2, °" in page
+    assert "A1, °" not in page
+
+
+def test_other_verbs_take_the_robot_or_refuse_it_by_name(cellctl, railed, tmp_path, capsys):
+    (tmp_path / "targets.csv").write_text("X,Y,Z,A,B,C\n1000,200,900,0,90,0\n")
+    refused = [
+        ("compensate", "model.json", "targets.csv", "--out", "table.csv"),
+        ("plan", "rail.yaml", "--box", "800,1200,-300,300,500,900", "--n", "10", "-o", "poses.csv"),
+        ("analyse", "rail.yaml", "rail_0.csv"),
+        ("convert", "model.json", "--to", "kuka"),
+    ]
+    for words in refused:
+        assert cellctl(*words) == 2, words
+        assert "joint 1 of KR 5 on a rail is prismatic" in capsys.readouterr().err, words
+    assert cellctl("convert", "model.json", "--to", "dh-csv", "-o", "rail_dh.csv") == 0
+
+
+def test_metres_in_a_column_of_mm_are_found_by_the_setup_check(cellctl, tmp_path, capsys):
+    write_case(tmp_path, "rail", fit=60, test=20)
+    rows = list(csv.reader((tmp_path / "rail_0.csv").open()))
+    rows[1:] = [[repr(float(row[0]) / 1000.0), *row[1:]] for row in rows[1:]]
+    (tmp_path / "metres.csv").write_text("".join(",".join(row) + "\n" for row in rows))
+    assert cellctl("fit", "rail.yaml", "metres.csv", "--column", "set") == 2
+    words = capsys.readouterr().err
+    assert "A1 is metres" in words
+    assert "write A1, a prismatic joint, in mm" in words
+
+
+def test_a_reversed_rail_is_found_by_the_setup_check(cellctl, tmp_path, capsys):
+    write_case(tmp_path, "rail", fit=60, test=20)
+    text = (tmp_path / "rail.yaml").read_text()
+    (tmp_path / "rail.yaml").write_text(text.replace("type: prismatic, min: 0,", "type: prismatic, sign: -1, min: 0,"))
+    assert cellctl("fit", "rail.yaml", "rail_0.csv", "--column", "set") == 2
+    assert "A1 reversed" in capsys.readouterr().err
