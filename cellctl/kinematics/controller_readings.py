@@ -56,9 +56,8 @@ class JointMap:
     @property
     def units(self) -> tuple[JointUnit, ...]:
         """The unit of each joint's reading."""
-        return (
-            ("°",) * self.n if self.prismatic is None else tuple("mm" if slides else "°" for slides in self.prismatic)
-        )
+        slides = np.zeros(self.n, bool) if self.prismatic is None else self.prismatic
+        return tuple("mm" if each else "°" for each in slides)
 
     def model(self, readings: ArrayLike) -> Floats:
         """Model coordinates (..., n), rad or m, of controller readings (..., n), deg or mm."""

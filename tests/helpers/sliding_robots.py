@@ -27,7 +27,7 @@ HIGH = np.array([140.0, 20.0, 140.0, 170.0, 110.0, 170.0])
 
 
 def sliding_robot_text(kind: str) -> str:
-    """The robot file (poe) of the KR 5 on a `rail` along X, on a `lift` along Z, or with a `quill` along its flange's z."""
+    """The robot file (poe) of the KR 5 on a `rail` along X or a `lift` along Z, or with a `quill` along its z6."""
     arm = in_poe(RobotFile.load(KR5_FILE))
     screws = [f"  - {{axis: {list(row.axis)}, point: {list(row.point)}}}" for row in arm.screws]
     joints = [

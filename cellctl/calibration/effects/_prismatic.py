@@ -129,8 +129,8 @@ class Straightness(ResidualModel):
         """The effect, if any prismatic joint moves."""
         low, high = setup.at.q.min(axis=0, initial=np.inf), setup.at.q.max(axis=0, initial=-np.inf)
         joints = _numbers(setup.chain.prismatic & (high - low > LEAST_TRAVEL_M))
-        ends = [tuple(float(each[j - 1]) for j in joints) for each in (low, high)]
-        return cls(joints, *ends) if joints else None
+        begins, ends = (tuple(float(each[j - 1]) for j in joints) for each in (low, high))
+        return cls(joints, begins, ends) if joints else None
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
