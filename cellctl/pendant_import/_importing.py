@@ -42,8 +42,6 @@ def imported(joints: Path, positions: Path | None, choices: Choices, robot: Robo
 
     Raises InputError with every error of both files where the input is ambiguous, or no row is left.
     """
-    if robot is not None:
-        robot.refuse_prismatic(str(joints), "cellctl import")
     if positions is None:
         result = _of_one(joints, choices, robot)
     else:

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cellctl.files import InputError, Problem
-from cellctl.formats.dataset import BEYOND_LIMITS_DEG
+from cellctl.formats.dataset import BEYOND_LIMITS_DEG, BEYOND_TRAVEL_MM
+from cellctl.kinematics import MM_PER_M
 from cellctl.pendant_import._fanuc import between_the_arms
 from cellctl.pendant_import._points import TABLE, Point, PointList, RawList, Value, read_values
 from cellctl.pendant_import._programs import program_postures
@@ -58,14 +59,15 @@ def _from_table(table: Cells, choices: Choices, robot: RobotFile | None, measure
 
 
 def joint_points(raw: RawList, choices: Choices, robot: RobotFile | None, measured: Sequence[str] = ()) -> PointList:
-    """Postures with `A1…An` in degrees or `q1…qn` in radians, as in the file. A point that is not a posture has a
-    fault.
+    """Postures with `A1…An` in degrees or `q1…qn` in radians, as in the file; of a prismatic joint mm or m, which the
+    file has to hold. A point that is not a posture has a fault.
 
     Raises InputError where the number of joints, the decimal sign or the unit of the angles is not certain.
     """
     names = _joints(raw, robot)
     read = read_values(raw, [*names, *measured], choices.decimal)
-    unit, how = _unit(raw, read, names, choices)
+    turning = [name for number, name in enumerate(names, 1) if robot is None or number not in robot.prismatic]
+    unit, how = _unit(raw, read, turning or names, choices)
     letter = "A" if unit == "deg" else "q"
     renamed = {name: f"{letter}{place}" for place, name in enumerate(names, 1)}
     still, moves = _external_axes(read)
@@ -149,10 +151,16 @@ def _checked(point: Point, unit: AngleUnit, n: int, robot: RobotFile | None) -> 
     for number in range(1, n + 1):
         name = f"{'A' if unit == 'deg' else 'q'}{number}"
         value = float(point.values[name])
+        limits = robot.joints[number - 1] if robot else None
+        if limits and limits.prismatic:
+            mm = MM_PER_M * value if unit == "rad" else value
+            if not limits.min - BEYOND_TRAVEL_MM <= mm <= limits.max + BEYOND_TRAVEL_MM:
+                what = f"{name} is {mm:.6g} mm, outside {limits.min:g}…{limits.max:g} mm of the robot file"
+                return replace(point, fault=what)
+            continue
         if unit == "rad" and abs(value) > _NO_RADIANS:
             return replace(point, fault=f"{name} is {value:g}: more than two turns, no angle in radians")
         degrees = math.degrees(value) if unit == "rad" else value
-        limits = robot.joints[number - 1] if robot else None
         if limits and not limits.min - BEYOND_LIMITS_DEG <= degrees <= limits.max + BEYOND_LIMITS_DEG:
             what = f"{name} is {degrees:.6g}°, outside {limits.min:g}…{limits.max:g}° of the robot file"
             return replace(point, fault=what)

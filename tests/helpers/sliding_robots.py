@@ -21,6 +21,12 @@ TRAVEL_MM = {"rail": 3000.0, "lift": 800.0, "quill": 300.0}
 SCALE = 200e-6
 REPEATABILITY_MM = 0.03
 TRACKER_SIGMA_MM = 0.02
+NOISE_MM = float(np.hypot(REPEATABILITY_MM / np.sqrt(3.0), TRACKER_SIGMA_MM))
+"""Of a measured position, 1 σ on each axis."""
+
+FLOOR_MM = NOISE_MM * float(np.sqrt(8.0 / np.pi))
+"""Mean distance by that noise alone (of a Maxwell distribution)."""
+
 LOW = np.array([-140.0, -150.0, -40.0, -170.0, -110.0, -170.0])
 HIGH = np.array([140.0, 20.0, 140.0, 170.0, 110.0, 170.0])
 """Readings of the arm's joints, deg."""
@@ -99,8 +105,7 @@ class SlidingRobot:
         arm = rng.uniform(LOW, HIGH, (fit + test, 6))
         slide = rng.uniform(0.0, TRAVEL_MM[self.kind], (fit + test, 1))
         readings = np.round(np.hstack([slide, arm] if self.kind != "quill" else [arm, slide]), 4)
-        noise = np.hypot(REPEATABILITY_MM / np.sqrt(3.0), TRACKER_SIGMA_MM)
-        measured = self.tcp(readings) + rng.normal(0.0, noise, (fit + test, 3))
+        measured = self.tcp(readings) + rng.normal(0.0, NOISE_MM, (fit + test, 3))
         return readings, measured, ["fit"] * fit + ["test"] * test
 
 

@@ -9,10 +9,7 @@ import pytest
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.formats import ModelFile
-from tests.helpers.sliding_robots import SCALE, SlidingRobot, write_case
-
-FLOOR_MM = 0.0422
-"""Mean distance by the noise of robot and instrument alone."""
+from tests.helpers.sliding_robots import FLOOR_MM, SCALE, SlidingRobot, write_case
 
 
 @pytest.fixture
