@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, final
@@ -17,6 +17,7 @@ from cellctl.cli.plan_layout import plan_layout
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.formats import RobotFile
 from cellctl.formats.targets import read_path, targets_text
+from cellctl.kinematics import JointUnit
 from cellctl.operations.fit_options import option
 from cellctl.operations.optimal_plan import Aim, DesignFigures, OptimalChoice
 from cellctl.operations.results import as_json
@@ -248,7 +249,7 @@ def plan(
     """Choose targets for a calibration with any instrument.
 
     Writes a CSV: joints A1…An, nominal pose of the TCP, and empty columns X, Y, Z. Measure, fill these in, and give the
-    file to `cellctl fit`. Positions are in the frame of the robot file. Targets keep 5° from the joint limits.
+    file to `cellctl fit`. Positions are in the frame of the robot file. Targets keep 5° (5 mm) from the joint limits.
 
     Example: cellctl plan kr5_r1400 --n 80 --box 850:1250,-300:300,200:600 --angles 0,180,0 -o targets.csv
 
@@ -268,7 +269,7 @@ def plan(
         refuse_json_on_stdout(json_, out, "the lines of the cell file")
         refuse_outputs({"--out": out, "--json": json_}, [robot, layout])
         file = RobotFile.load(robot)
-        file.refuse_prismatic(str(robot), "cellctl plan")
+        file.refuse_prismatic(str(robot), "cellctl plan --layout")
         plan_layout(layout, file, n, places, seed, out, json_)
         return
     asked = Asked(
@@ -281,11 +282,14 @@ def plan(
 
     refuse_json_on_stdout(json_, out, "the CSV")
     refuse_outputs({"--out": out, "--json": json_}, [robot, path, prior, task])
-    targets, designed = _targets(robot, asked, seed)
+    file = RobotFile.load(robot)
+    if station is not None or floor is not None:
+        file.refuse_prismatic(str(robot), "cellctl plan --station or --floor")
+    targets, designed = _targets(file, asked, seed)
     if out:
         write_atomically(out, targets_text(targets))
         if json_ != "-":
-            typer.echo(_words(targets, designed, out))
+            typer.echo(_words(targets, file.joint_map().units, designed, out))
     else:
         to_stdout(targets_text(targets))
     found = {"method": asked.method, "seed": seed, **_figures(targets)}
@@ -293,12 +297,10 @@ def plan(
     write_json({**found, "file": str(out) if out else None}, json_)
 
 
-def _targets(robot: Path, asked: Asked, seed: int) -> tuple[TargetSet, DesignFigures | None]:
+def _targets(file: RobotFile, asked: Asked, seed: int) -> tuple[TargetSet, DesignFigures | None]:
     """The targets, and what an optimal choice predicts. Raises InputError where the options or the region do not allow
     them.
     """
-    file = RobotFile.load(robot)
-    file.refuse_prismatic(str(robot), "cellctl plan")
     region, options = asked.region(file), asked.options(file)
     asked.raise_all()
     assert region is not None
@@ -335,14 +337,15 @@ def _figures(targets: TargetSet) -> dict[str, Any]:
     }
 
 
-def _words(targets: TargetSet, designed: DesignFigures | None, out: Path) -> str:
+def _words(targets: TargetSet, units: Sequence[JointUnit], designed: DesignFigures | None, out: Path) -> str:
     figures = _figures(targets)
     judges = f" and {figures['held_out']} held-out" if figures["held_out"] else ""
     lines = [f"{out}: {figures['n']} targets{judges}, {figures['usable']} of {figures['drawn']} samples usable."]
     lines += [f"  rejected, {reason}: {count}" for reason, count in figures["rejected"].items() if count]
     spans = (
-        f"  {name} {span['min']:.1f}…{span['max']:.1f}°, {100 * span['filled']:.0f} % of its parts filled"
-        for name, span in figures["joints"].items()
+        f"  {name} {span['min']:.1f}…{span['max']:.1f}{' mm' if unit == 'mm' else unit}, "
+        f"{100 * span['filled']:.0f} % of its parts filled"
+        for (name, span), unit in zip(figures["joints"].items(), units, strict=True)
     )
     if designed:
         lines += _predicted(designed, figures["n"])

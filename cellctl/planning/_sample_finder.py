@@ -225,9 +225,12 @@ class Configuration:
 
     def _within_limits(self, found: InverseResult) -> tuple[Array, Mask, Mask]:
         """Readings (..., n), deg, nearest to `near` or else a turn away; which (...) are usable; which are reached."""
-        readings = nearest_turn(self._joints.readings(found.q), self.near, 180.0)
+        solved = self._joints.readings(found.q)
+        readings = nearest_turn(solved, self.near, 180.0)
         readings = readings - 360.0 * (readings > self._high) * (readings - 360.0 >= self._low)
         readings = readings + 360.0 * (readings < self._low) * (readings + 360.0 <= self._high)
+        if self._joints.prismatic is not None:
+            readings = np.where(self._joints.prismatic, solved, readings)
         within = ((readings >= self._low) & (readings <= self._high)).all(axis=-1)
         return readings, found.converged & within, found.converged
 

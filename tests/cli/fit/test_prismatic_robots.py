@@ -8,7 +8,7 @@ import pytest
 
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
-from cellctl.formats import ModelFile
+from cellctl.formats import ModelFile, RobotFile
 from tests.helpers.sliding_robots import FLOOR_MM, SCALE, SlidingRobot, write_case
 
 
@@ -90,7 +90,20 @@ def test_other_verbs_take_the_robot_or_refuse_it_by_name(cellctl, railed, tmp_pa
     (tmp_path / "targets.csv").write_text("X,Y,Z,A,B,C\n1000,200,900,0,90,0\n")
     refused = [
         ("compensate", "model.json", "targets.csv", "--out", "table.csv"),
-        ("plan", "rail.yaml", "--box", "800,1200,-300,300,500,900", "--n", "10", "-o", "poses.csv"),
+        (
+            "plan",
+            "rail.yaml",
+            "--box",
+            "800:1200,-300:300,500:900",
+            "--angles",
+            "0,90,0",
+            "--floor",
+            "0",
+            "--n",
+            "10",
+            "-o",
+            "poses.csv",
+        ),
         ("analyse", "rail.yaml", "rail_0.csv"),
         ("convert", "model.json", "--to", "kuka"),
     ]
@@ -98,6 +111,20 @@ def test_other_verbs_take_the_robot_or_refuse_it_by_name(cellctl, railed, tmp_pa
         assert cellctl(*words) == 2, words
         assert "joint 1 of KR 5 on a rail is prismatic" in capsys.readouterr().err, words
     assert cellctl("convert", "model.json", "--to", "dh-csv", "-o", "rail_dh.csv") == 0
+
+
+def test_planned_poses_use_the_travel_and_their_spans_are_in_mm(cellctl, tmp_path, capsys):
+    robot, _ = write_case(tmp_path, "rail", fit=5, test=1)
+    words = ("--box", "2000:3500,-300:300,500:900", "--angles", "0:10,80:90,0:10", "--n", "10", "-o", "poses.csv")
+    assert cellctl("plan", robot, *words) == 0
+    with (tmp_path / "poses.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    readings = np.array([[float(row[f"A{number}"]) for number in range(1, 8)] for row in rows])
+    chain, joints = RobotFile.load(robot).chain(), RobotFile.load(robot).joint_map()
+    wanted = np.array([[float(row[f"nominal_{axis}"]) for axis in "XYZ"] for row in rows])
+    np.testing.assert_allclose(chain.forward(joints.model(readings))[:, :3, 3], wanted, atol=1e-2)
+    assert np.ptp(readings[:, 0]) > 100.0
+    assert f"A1 {readings[:, 0].min():.1f}…{readings[:, 0].max():.1f} mm" in capsys.readouterr().out
 
 
 def test_metres_in_a_column_of_mm_are_found_by_the_setup_check(cellctl, tmp_path, capsys):
