@@ -124,7 +124,7 @@ def _far(report: dict[str, Any]) -> Iterator[str]:
     for row in report["wide"]:
         turns = row["unit"] == "rad"
         value, sigma, before = (_shown(row[key], turns) for key in ("value", "sigma", "tolerance"))
-        unit = "°" if turns else f" {row['unit']}"
+        unit = "°" if turns else f" {row['unit']}" if row["unit"] != "1" else ""
         yield f"  far from the robot file: {row['name']} {value}{unit} (1 σ {sigma}, expected within {before})"
 
 

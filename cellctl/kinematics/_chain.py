@@ -108,7 +108,7 @@ class SerialChain:
         """Number of joints."""
         return self.table.n
 
-    @cached_property
+    @property
     def prismatic(self) -> Bools:
         """Which joints (n,) slide along their axis; the others turn about it."""
         return self.table.prismatic
@@ -283,11 +283,11 @@ class SerialChain:
         """Frames behind each joint (n + 1, 3, 4, N), the measuring frame first, and the tool's (3, 4, N)."""
         frames = np.empty((self.n + 1, 3, 4, angles.shape[1]))
         frames[0] = _MEASURING_FRAME
-        cosines, sines = np.cos(angles), np.sin(angles)
+        cosines, sines, slides = np.cos(angles), np.sin(angles), self.table.slides
         for index in range(self.n):
             before = np.matmul(self._constants[index].T, frames[index])
             x, y, behind = before[:, 0], before[:, 1], frames[index + 1]
-            if self.prismatic[index]:
+            if index in slides:
                 behind[:] = before
                 behind[:, 3] += MM_PER_M * angles[index] * before[:, 2]
                 continue
@@ -303,8 +303,9 @@ class SerialChain:
         axes = frames[1:, :, 2].swapaxes(0, 1)
         arms = end[:, None, 3] - frames[1:, :, 3].swapaxes(0, 1)
         columns = np.concatenate([_cross(axes, arms), axes])
-        columns[:3, self.prismatic] = MM_PER_M * axes[:, self.prismatic]
-        columns[3:, self.prismatic] = 0.0
+        for joint in self.table.slides:
+            columns[:3, joint] = MM_PER_M * axes[:, joint]
+            columns[3:, joint] = 0.0
         return columns
 
     def _parameter_columns(self, frames: Floats, end: Floats) -> Floats:

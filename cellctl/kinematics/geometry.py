@@ -112,6 +112,11 @@ class LinkTable:
         return np.array([link.prismatic for link in self.links], bool)
 
     @cached_property
+    def slides(self) -> tuple[int, ...]:
+        """The prismatic joints, from 0."""
+        return tuple(np.flatnonzero(self.prismatic).tolist())
+
+    @cached_property
     def segments(self) -> list[Segment]:
         """The parts between the joints: n + 1 segments, the first before joint 1, the last from joint n to the flange.
 
@@ -209,6 +214,11 @@ class AxisTable:
     def prismatic(self) -> Bools:
         """Which joints (n,) are prismatic."""
         return np.array([axis.prismatic for axis in self.axes], bool)
+
+    @cached_property
+    def slides(self) -> tuple[int, ...]:
+        """The prismatic joints, from 0."""
+        return tuple(np.flatnonzero(self.prismatic).tolist())
 
     @cached_property
     def segments(self) -> list[Segment]:

@@ -60,6 +60,37 @@ def test_auto_brings_every_kind_to_its_noise(cellctl, tmp_path, kind, mm, model_
     assert scale.value == pytest.approx(SCALE, abs=4.0 * scale.sigma)
 
 
+@pytest.mark.long
+def test_draw_wires_identify_a_robot_on_a_lift(cellctl, tmp_path):
+    robot, _ = write_case(tmp_path, "lift")
+    true = SlidingRobot("lift")
+    readings, rng = true.rows(300, 100)[0], np.random.default_rng(1)
+    anchors = np.array([[3000, -2500, 300], [5500, 800, 200], [4000, 600, 3500], [2500, -500, 1800]])
+    names = np.arange(400) % 4
+    lengths = np.linalg.norm(true.tcp(readings) - anchors[names], axis=1) + rng.normal(0.0, 0.03, 400)
+    lines = ["A1,A2,A3,A4,A5,A6,A7,anchor,distance,sD,set"]
+    for number, (row, name, length) in enumerate(zip(readings.tolist(), names, lengths, strict=True)):
+        part = "fit" if number < 300 else "test"
+        lines.append(f"{','.join(map(str, row))},W{name},{length:.4f},0.035,{part}")
+    (tmp_path / "wires.csv").write_text("\n".join(lines) + "\n")
+    report, _ = fitted(cellctl, tmp_path, robot, "wires.csv")
+    assert "straightness" in report["model"]
+    assert report["nominal"]["mean"] > 0.3 > 0.04 > report["test"]["mean"]
+
+
+def test_a_table_with_the_lifts_own_names_is_imported_and_its_travel_is_checked(cellctl, tmp_path, capsys):
+    write_case(tmp_path, "lift", fit=20, test=5, si=True)
+    rows = list(csv.reader((tmp_path / "lift_0.csv").open()))
+    rows[0][0], rows[3][0] = "torso_lift", "1.9"
+    (tmp_path / "log.csv").write_text("".join(",".join(row) + "\n" for row in rows))
+    words = ("log.csv", "--robot", "lift.yaml", "--columns", "q1=torso_lift", "-o", "rows.csv")
+    assert cellctl("import", *words) == 0
+    assert "q1 is 1900 mm, outside 0…800 mm" in capsys.readouterr().err
+    found = list(csv.DictReader((tmp_path / "rows.csv").open()))
+    assert len(found) == 24
+    assert float(found[0]["q1"]) == float(rows[1][0])
+
+
 @pytest.fixture
 def railed(cellctl, tmp_path):
     """A model of the rail robot; its robot file, data set and model are rail.yaml, rail_0.csv, model.json."""
