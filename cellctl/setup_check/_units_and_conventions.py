@@ -38,17 +38,25 @@ def other_unit(setup: Setup) -> Iterator[Hypothesis]:
     if not turning.any():
         return
     largest = float(np.abs(setup.readings[:, turning]).max())
-    degrees, radians = ([f"{letter}{joint + 1}" for joint in np.flatnonzero(turning)] for letter in "Aq")
+    degrees, radians = (tuple(np.array(_columns(setup, letter))[turning].tolist()) for letter in "Aq")
     if largest < RADIANS_UP_TO:
         cure = f"name the columns q1…q{setup.n}, which are in radians, or write degrees"
-        change = Change("joint readings are radians in columns of degrees", "data", cure, tuple(degrees))
+        change = Change("joint readings are radians in columns of degrees", "data", cure, degrees)
         readings = np.where(turning, np.rad2deg(setup.readings), setup.readings)
         yield Hypothesis((change,), setup.with_readings(readings))
+        if not turning.all():
+            what = "joint readings are radians and m in columns of degrees and mm"
+            change = replace(change, what=what, cure=f"name the columns q1…q{setup.n}", key=_columns(setup, "A"))
+            yield Hypothesis((change,), setup.with_readings(setup.joints.in_reading_units(setup.readings)))
     if largest > DEGREES_FROM:
         cure = f"name the columns A1…A{setup.n}, which are in degrees, or write radians"
-        change = Change("joint readings are degrees in columns of radians", "data", cure, tuple(radians))
+        change = Change("joint readings are degrees in columns of radians", "data", cure, radians)
         readings = np.where(turning, np.deg2rad(setup.readings), setup.readings)
         yield Hypothesis((change,), setup.with_readings(readings))
+
+
+def _columns(setup: Setup, letter: str) -> tuple[str, ...]:
+    return tuple(f"{letter}{joint}" for joint in range(1, setup.n + 1))
 
 
 def _other_travel_unit(setup: Setup) -> Iterator[Hypothesis]:

@@ -169,6 +169,14 @@ def test_metres_in_a_column_of_mm_are_found_by_the_setup_check(cellctl, tmp_path
     assert "write A1, a prismatic joint, in mm" in words
 
 
+def test_radians_and_metres_in_columns_of_degrees_and_mm_are_found_by_the_setup_check(cellctl, tmp_path, capsys):
+    write_case(tmp_path, "rail", fit=60, test=20, si=True)
+    text = (tmp_path / "rail_0.csv").read_text()
+    (tmp_path / "named.csv").write_text(text.replace("q1,q2,q3,q4,q5,q6,q7", "A1,A2,A3,A4,A5,A6,A7"))
+    assert cellctl("fit", "rail.yaml", "named.csv", "--column", "set") == 2
+    assert "joint readings are radians and m in columns of degrees and mm" in capsys.readouterr().err
+
+
 def test_a_reversed_rail_is_found_by_the_setup_check(cellctl, tmp_path, capsys):
     write_case(tmp_path, "rail", fit=60, test=20)
     text = (tmp_path / "rail.yaml").read_text()
