@@ -135,7 +135,7 @@ def test_a_model_file_without_postures_doubts_by_the_square_of_the_distance_in_h
     joints = ROBOT.joint_map()
     sigma = MeasuredRegion(*region.bounds(joints), 2.0, region.coverage(joints)).sigma(joints.model(readings))
     np.testing.assert_allclose(sigma, [0.0, 0.0, 0.5, 2.0, 2.0 * math.hypot(0.25, 0.25)])
-    assert region.inside(readings).tolist() == [True, True, False, False, False]
+    assert region.inside(readings, joints).tolist() == [True, True, False, False, False]
 
 
 def test_the_factor_for_a_model_error_that_touches_do_not_show_is_in_the_file_and_in_sigma():

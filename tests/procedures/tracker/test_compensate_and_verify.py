@@ -115,7 +115,7 @@ def test_poses_that_register_the_model_are_not_judged_and_inside_its_region(else
     assert (len(fit), len(test)) == (15, 8)
     assert {row.number for row in elsewhere.journal.recorded(CompensatedRow)} == {row.number for row in test}
     model = ModelFile.load(runs / "own" / "model.json")
-    assert model.joint_region.inside(np.array([row.commanded for row in fit])).all()
+    assert model.joint_region.inside(np.array([row.commanded for row in fit]), model.robot.joint_map()).all()
 
 
 def test_the_verdict_states_how_sure_its_figures_are(elsewhere: FakeRun) -> None:
