@@ -72,6 +72,7 @@ VERBS = {
     "table": Verb("table", "app", "Push, show, verify, compare or roll back a compensation table."),
     "convert": Verb("convert", "convert", "Convert a robot file or model to another form."),
     "robots": Verb("robots", "robots", "List the robots that a fit, a plan or a cell may name, or show one."),
+    "cell": Verb("cell_file", "cell", "Write a checked cell file for a robot of the library."),
     "krl": Verb("cell", "krl", "Write the files to load on the controller."),
     "firmware": Verb("firmware", "firmware", "Write the contact probe's firmware, to load or to build it."),
     "sim": Verb("cell", "sim", "Run a cell's simulators until Ctrl-C."),
