@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import Final, final
 
-from cellctl.clock import Clock, MinimumDelayFit
+from cellctl.clock import Clock, DelayFit, MinimumDelayFit
 from cellctl.devices import (
     ArmRows,
     DeviceError,
@@ -89,14 +89,16 @@ class LastBeat:
         self.time_ns = time_ns
 
 
-def cell_times(samples: Sequence[Sample]) -> tuple[int, ...]:
-    """The cell's time of each sample, ns: the controller's own clock, fitted to the samples with the least delay."""
+def _clock_of(samples: Sequence[Sample]) -> DelayFit:
+    """The controller's own clock, fitted to the samples with the least delay."""
     fit = MinimumDelayFit(_ALL_OF_IT_S)
-    stamps = [round(sample.time_s * 1e9) for sample in samples]
-    for stamp, sample in zip(stamps, samples, strict=True):
-        fit.add(stamp, sample.arrival_ns)
-    line = fit.fit()
-    return tuple(map(line.to_cell_ns, stamps))
+    for sample in samples:
+        fit.add(_stamp_ns(sample), sample.arrival_ns)
+    return fit.fit()
+
+
+def _stamp_ns(sample: Sample) -> int:
+    return round(sample.time_s * 1e9)
 
 
 @final
@@ -130,6 +132,7 @@ class UrRobot(HostTableStore):
         self._dashboard = Dashboard(self.name, (place.host, place.dashboard), self._clock)
         self._jobs = Jobs(self.name, self._clock, self._line, self._digest)
         self._jobs.adrift = adrift
+        self._search_clock: DelayFit | None = None
 
     @property
     def axes(self) -> int:
@@ -166,10 +169,19 @@ class UrRobot(HostTableStore):
         await see_through(self._hang_up())
 
     async def health(self) -> Health:
-        """Modes and program as the controller reports them; counts since `connect`. Raises DeviceLost."""
-        found = await self._obstacles()
-        figures = {"skipped": float(self._line.skipped), "stale": float(self._line.stale)}
-        mode = "local" if LOCAL in found else "remote"
+        """Modes and program as the controller reports them; counts since `connect`. Raises DeviceLost.
+
+        `latency_ms`: of a question to the Dashboard server. Clock figures: of the last search.
+        """
+        asked_ns = self._clock.now_ns()
+        local = await self._is_local()
+        figures = {"latency_ms": (self._clock.now_ns() - asked_ns) * 1e-6}
+        figures |= {"skipped": float(self._line.skipped), "stale": float(self._line.stale)}
+        if fit := self._search_clock:
+            figures |= {"clock_offset_ms": fit.offset_ns * 1e-6, "clock_drift_ppm": fit.drift * 1e6}
+            figures["clock_sigma_ms"] = fit.sigma_ns * 1e-6
+        found = [*self._jobs.obstacles(await self._sample()), *([LOCAL] if local else [])]
+        mode = "local" if local else "remote"
         return Health(not found, "; ".join(found) or "running, resident program runs", figures, mode)
 
     def conditions(self) -> Mapping[str, str]:
@@ -344,9 +356,10 @@ class UrRobot(HostTableStore):
         short = math.dist(last.joints, end)
         if travel and short > _END_DEG:
             raise DeviceFault(self.name, f"search: the robot rests {short:.2f} deg from the end of the line")
+        clock = self._search_clock = _clock_of(samples)
         return SearchResult(
             end=SearchEnd.TRAVEL if travel else SearchEnd.STOPPED,
-            times_ns=cell_times(samples),
+            times_ns=tuple(clock.to_cell_ns(_stamp_ns(sample)) for sample in samples),
             joints=tuple(sample.joints for sample in samples),
             resting=last.joints,
             stop_cycles=self._stop_cycles(samples),

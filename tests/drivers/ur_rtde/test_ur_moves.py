@@ -115,6 +115,20 @@ def test_a_search_goes_to_its_end_without_contact(on_wire):
     assert found.stop_cycles == 0
 
 
+def test_health_states_latency_and_after_a_search_how_the_controller_s_clock_was_fitted(on_wire):
+    async def work(wire):
+        before = (await wire.robot.health()).figures
+        found = await wire.robot.search(BESIDE, 2.0)
+        return before, (await wire.robot.health()).figures, found
+
+    before, after, found = on_wire(work, series="cb3")
+    assert before["latency_ms"] >= 0.0
+    assert "clock_sigma_ms" not in before
+    assert 0.0 <= after["clock_sigma_ms"] < 8.0, "a mapped instant is within the controller's cycle"
+    assert abs(after["clock_drift_ppm"]) < 1e4
+    assert len(found.times_ns) > 50
+
+
 def test_a_search_stops_at_the_host_s_message(on_wire):
     async def work(wire):
         wire.clock.call_later(0.5, wire.robot.stop_now)
