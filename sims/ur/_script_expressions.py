@@ -255,11 +255,18 @@ class Binary(_Compound):
 
     def __init__(self, line: int, sign: str, left: Expression, right: Expression) -> None:
         super().__init__(line, (left, right))
-        self._sign = sign
+        self._sign, self._left, self._right = sign, left, right
+
+    def value(self, frame: Frame) -> Value:
+        return self._of(self._left.value(frame), self._right.value(frame))
 
     def made(self, values: list[Value]) -> Value:
-        a, b = values
+        return self._of(*values)
+
+    def _of(self, a: Value, b: Value) -> Value:
         sign = self._sign
+        if type(a) is type(b) is float and sign in "+-*":  # most of what a program computes in each cycle
+            return ARITHMETIC[sign](a, b)
         if sign in ("==", "!="):
             return (a == b) == (sign == "==")
         if sign in LOGIC:

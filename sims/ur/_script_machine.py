@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from inspect import Signature, signature
+from inspect import signature
 from typing import final
 
 from sims.ur._script_expressions import Frame, Halt, Running, ScriptError, Thread, Value
@@ -25,7 +25,6 @@ class Machine:
         self.functions: Mapping[str, Function] = script.functions
         self.current: Thread | None = None
         self._builtins = builtins
-        self._signatures: dict[str, Signature] = {}
         self._threads: dict[int, Thread] = {}
         self._numbers = 0
         main = self._thread()
@@ -104,16 +103,10 @@ class Machine:
     def builtin(self, name: str, values: Sequence[Value], named: Mapping[str, Value], line: int) -> Value:
         """Call a function of the controller. Raises ScriptError."""
         function = self._builtins[name]
-        if name not in self._signatures:
-            self._signatures[name] = signature(function)
         try:
-            bound = self._signatures[name].bind(*values, **named)
-        except TypeError as error:
-            raise ScriptError(f"Type error: {name}: {error}", line) from None
-        try:
-            return function(*bound.args, **bound.kwargs)
+            return function(*values, **named)
         except (TypeError, ValueError, IndexError, OverflowError) as error:
-            raise ScriptError(f"Type error: {name}: {error}", line) from None
+            raise ScriptError(f"Type error: {name}: {_misfit(function, values, named) or error}", line) from None
         except ScriptError as error:
             error.line = error.line or line
             raise
@@ -140,6 +133,15 @@ def run_at_once(script: Script, builtins: Mapping[str, Builtin]) -> None:
         line = machine.line
         machine.stop()
         raise ScriptError("SECONDARY_PROGRAM_EXCEPTION_XXX a secondary program takes no time of the robot", line)
+
+
+def _misfit(function: Builtin, values: Sequence[Value], named: Mapping[str, Value]) -> str:
+    """Why a function does not take these arguments; empty if it does."""
+    try:
+        signature(function).bind(*values, **named)
+    except TypeError as error:
+        return str(error)
+    return ""
 
 
 def is_blocking(function: Builtin) -> bool:
