@@ -10,6 +10,7 @@ from scipy.stats import linregress
 
 from cellctl.calibration import RobotModel, linear_drift, locate_sphere
 from cellctl.formats import RobotFile
+from cellctl.kinematics import inverse
 from cellctl.planning import SphereTarget, plan_touches
 from cellctl.planning.ways import Reach
 from tests.helpers.arms import KR5_POSTURES
@@ -40,6 +41,20 @@ def test_a_sphere_is_located_where_it_is(touched) -> None:
 def test_three_touches_locate_no_sphere(touched) -> None:
     with pytest.raises(ValueError, match="four"):
         locate_sphere(MODEL, touched[:3], np.full(3, REACH), SIGMA)
+
+
+def test_four_touches_of_a_robot_that_is_far_off_locate_the_sphere_near_a_known_centre(touched) -> None:
+    """From a campaign of a UR5e: these errors fit a sphere on the other side of the touches better."""
+    normals = np.array([[-0.69, -0.71, 0.14], [-0.02, -0.62, 0.78], [-0.95, 0.29, 0.12], [0.04, 0.01, 1.0]])
+    errors = [[4.2, 0.0, -0.1], [3.5, -1.2, 1.2], [5.0, -1.0, 2.3], [1.3, 3.4, -0.6]]
+    poses = ROBOT.chain().forward(np.repeat(touched[:1], 4, axis=0))
+    poses[:, :3, 3] = np.array(CENTRE) + REACH * normals / np.linalg.norm(normals, axis=1)[:, None] + errors
+    reached = inverse(ROBOT.chain(), poses, np.repeat(touched[:1], 4, axis=0))
+    assert reached.converged.all()
+    alone = locate_sphere(MODEL, reached.q, np.full(4, REACH), SIGMA)
+    assert np.linalg.norm(alone.centre - CENTRE) > REACH / 2
+    near = locate_sphere(MODEL, reached.q, np.full(4, REACH), SIGMA, near=np.array(CENTRE))
+    assert near.centre == pytest.approx(CENTRE, abs=6.0)
 
 
 def covariance() -> np.ndarray:

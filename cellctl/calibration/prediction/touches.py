@@ -106,15 +106,20 @@ class LocatedSphere:
         return np.asarray(np.sqrt(np.maximum(of_model, 0.0) + scatter))
 
 
-def locate_sphere(model: RobotModel, q: Floats, reach: Floats, sigma_mm: float) -> LocatedSphere:
+def locate_sphere(
+    model: RobotModel, q: Floats, reach: Floats, sigma_mm: float, near: Floats | None = None
+) -> LocatedSphere:
     """The sphere that `model` locates from touches at q (N, n), rad, at distances `reach` (N,), mm, from the centre.
 
-    sigma_mm: 1 σ of a touch along the normal. Raises ValueError with fewer than four touches.
+    sigma_mm: 1 σ of a touch along the normal. near (3,), mm: where the search for the centre begins; else at the
+    centre that fits best, which is on the other side of a few touches where the model is far off. Raises ValueError
+    with fewer than four touches.
     """
     if len(q) < 4:
         raise ValueError(f"{len(q)} touches do not locate a sphere and show that they agree: four at least")
     rows = TouchRows(q, np.zeros(len(q), int), reach, np.full((len(q), 1), sigma_mm))
-    start = State.alone(model, sphere_centre(model.tcp(q), reach)[None])
+    begin = sphere_centre(model.tcp(q), reach) if near is None else near
+    start = State.alone(model, begin[None])
     unknowns = Unknowns.of(start, ("sphere",), Tolerances())
     found = estimate(unknowns.only(frozenset({"points"})), [rows]).state
     columns = rows.jacobian(found)[:, 0]

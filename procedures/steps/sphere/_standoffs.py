@@ -129,8 +129,12 @@ def _located(context: StepContext, model: ModelFile, name: str) -> _Sphere:
     q = model.robot.joint_map().model([row.joints for row in rows])
     sigma = touch_sigma_mm(model.robot) * context.recorded(SphereVerdict)[-1].noise_scale
     reaches = reach + _drifted(context, [row.number for row in rows])
-    nominal, identified = RobotModel(nominal_chain(model)), model.robot_model()
-    return _Sphere(locate_sphere(nominal, q, reaches, sigma), locate_sphere(identified, q, reaches, sigma), reach)
+    identified = locate_sphere(model.robot_model(), q, reaches, sigma)
+    nominal = locate_sphere(RobotModel(nominal_chain(model)), q, reaches, sigma)
+    # With few touches a nominal robot's errors may fit a sphere on their other side better: another one, far away.
+    if np.linalg.norm(nominal.centre - identified.centre) > reach / 2.0:
+        nominal = locate_sphere(nominal.model, q, reaches, sigma, near=identified.centre)
+    return _Sphere(nominal, identified, reach)
 
 
 def _drifted(context: StepContext, numbers: ArrayLike) -> Floats:
