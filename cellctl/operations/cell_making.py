@@ -19,14 +19,15 @@ from cellctl.operations.campaign import load_campaign
 from cellctl.operations.cell_devices import as_loaded
 from cellctl.operations.robot_library import LibraryRobot, reach_mm
 
-_PROBE = "tool: {xyz: [60, 40, 240], abc: [35, 30, 0]}   # FILL IN: probe tip in the flange frame, as measured"
-"""Held askew, so that a turn of the last joint moves the tip."""
+_PROBE_MM, _SHORTER_BELOW_MM = (60.0, 40.0, 240.0), 1000.0
+"""The probe's tip in the flange frame, held askew, so that a turn of the last joint moves it; of robots with a smaller
+reach than that in proportion."""
 
 _SPHERES = {"S1": (0.64, -0.24, -0.10), "S2": (0.64, 0.24, -0.10), "S3": (0.77, 0.0, 0.0), "P1": (0.57, 0.0, 0.10)}
 """Centres as shares of the reach, from axis 1 at the height of joint 2: those of the shipped KR5 cell."""
 
-_PLATE = -0.20
-"""Height of the plate, as share of the reach, from joint 2."""
+_STEM_MM = 200.0
+"""From the lowest centres down to the plate: the wrist is 120 mm thick, and touches come from below the equator too."""
 
 _SCALES = (1.0, 0.85, 0.7, 1.1)
 """Of these places, in the order tried: forearm and wrist are as thick for a small robot as for a large one."""
@@ -73,7 +74,7 @@ _MAKERS = {
     ),
     "Universal Robots": _Maker(
         "ur+rtde",
-        (180, -90, 90, -90, -90, 0),
+        (180, -100, 60, -50, -90, 0),
         (
             (180, -70, 100, -120, -90, 0),
             (180, -70, 100, -120, -90, 120),
@@ -146,8 +147,11 @@ def _texts(
     model, tcp_reach = found.name, reach_of(found.file)
     if probe and not any(found.robot.tool.xyz):
         own = out.with_name(f"{out.stem}_robot.yaml")
-        text = re.sub(r"^tool: .*$", _PROBE, found.file.read_text(encoding="utf-8"), flags=re.MULTILINE)
-        model, tcp_reach = own.name, (tcp_reach or 0.0) + 250.0
+        share = min(1.0, reach_mm(found.robot) / _SHORTER_BELOW_MM)
+        tip = ", ".join(f"{share * each:.0f}" for each in _PROBE_MM)
+        tool = f"tool: {{xyz: [{tip}], abc: [35, 30, 0]}}   # FILL IN: probe tip in the flange frame, as measured"
+        text = re.sub(r"^tool: .*$", tool, found.file.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        model, tcp_reach = own.name, (tcp_reach or 0.0) + math.hypot(*_PROBE_MM)
         yield own, text
     if maker.scheme == "kuka+rsi":
         shipped_one = shipped("cell")["sphere_cell"].with_name("rsi_ethernet.xml")
@@ -166,11 +170,11 @@ def _texts(
 def _places(found: LibraryRobot, scale: float) -> Mapping[str, tuple[float, float, float]]:
     """Sphere → centre, mm, base frame; `plate` → a point of it."""
     reach, joint_2 = reach_mm(found.robot) * scale, found.robot.links[0].d
-    shares = {**_SPHERES, "plate": (0.0, 0.0, _PLATE)}
-    return {
+    places = {
         name: (round(x * reach, -1), round(y * reach, -1), round(joint_2 + z * reach, -1))
-        for name, (x, y, z) in shares.items()
+        for name, (x, y, z) in _SPHERES.items()
     }
+    return {**places, "plate": (0.0, 0.0, min(z for _, _, z in places.values()) - _STEM_MM)}
 
 
 def _head(
