@@ -29,7 +29,7 @@ _SPHERES = {"S1": (0.64, -0.24, -0.10), "S2": (0.64, 0.24, -0.10), "S3": (0.77, 
 _STEM_MM = 200.0
 """From the lowest centres down to the plate: the wrist is 120 mm thick, and touches come from below the equator too."""
 
-_SCALES = (1.0, 0.85, 0.7, 1.1)
+_SCALES = (1.0, 0.85, 0.7, 0.65)
 """Of these places, in the order tried: forearm and wrist are as thick for a small robot as for a large one."""
 
 

@@ -44,3 +44,10 @@ def test_it_is_identified_and_the_table_that_this_computer_holds_is_proved(tmp_p
     assert result["verdict"] == "better"
     (kept,) = (tmp_path / "runs").glob("*/drivers/*.json")
     assert json.loads(kept.read_text())["content"]["active"]["id"] == result["table"]["id"]
+
+
+def test_a_daily_check_begins_its_baseline(tmp_path):
+    places = ("--cell", CELL, "--runs", tmp_path / "runs", "--json", tmp_path / "result.json")
+    ended = cellctl("run", "daily_check", "--set", "samples=2", "--set", "transfer_speed=50", *places)
+    assert ended.returncode == 0, ended.stderr
+    assert "Baseline 'first', run 1 of 20" in json.loads((tmp_path / "result.json").read_text())["sentence"]
