@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import logging
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -89,10 +89,14 @@ class History:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Campaigns:
-    """What a package of campaigns states of them. first: the name of the procedure to offer first; empty: none."""
+    """What a package of campaigns states of them. first: the name of the procedure to offer first; empty: none.
+
+    checks: procedure → the devices, besides the robot, of the new cell files that are checked with it.
+    """
 
     first: str = ""
     histories: tuple[History, ...] = ()
+    checks: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @cache
@@ -113,6 +117,11 @@ def histories() -> tuple[History, ...]:
 def first_procedure() -> str:
     """The name of the procedure to offer first; empty: no package states one."""
     return next((each.first for each in _campaigns() if each.first), "")
+
+
+def checks_of(devices: Collection[str]) -> tuple[str, ...]:
+    """The procedures that a new cell file with these devices is checked with."""
+    return tuple(name for each in _campaigns() for name, needed in each.checks.items() if set(needed) <= set(devices))
 
 
 @cache

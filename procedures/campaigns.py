@@ -26,6 +26,7 @@ def _daily_view() -> Callable[[DailyHistories], None]:
 
 CAMPAIGNS = Campaigns(
     first="sphere_selfcal",
+    checks={"sphere_selfcal": ("probe",), "tracker_calibration": ("tracker", "plc")},
     histories=(
         History(
             name="daily",

@@ -20,10 +20,10 @@ def cell(
     plc: Annotated[bool, typer.Option("--plc", help="With the cell's PLC, which tracker campaigns watch.")] = False,
     json_: arguments.Json = None,
 ) -> None:
-    """Write a checked cell file for a robot of the library; it runs on simulators as it is.
+    """Write a checked cell file for a robot of the library.
 
-    FILL IN marks what is to be replaced on a real cell. A robot file with the probe as tool, and files for the
-    controller, are written beside it.
+    It runs on simulators as it is. FILL IN marks what is to be replaced on a real cell. A robot file with the probe as
+    tool, and files for the controller, are written beside it.
 
     Example: cellctl cell ur5e --probe --tracker --plc -o my_cell.yaml
     """

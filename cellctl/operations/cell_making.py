@@ -14,7 +14,7 @@ from cellctl.clock import WallClock
 from cellctl.devices.cell import Cell, reach_of
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem, write_atomically
-from cellctl.installed import shipped
+from cellctl.installed import checks_of, shipped
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.cell_devices import as_loaded
 from cellctl.operations.robot_library import LibraryRobot, reach_mm
@@ -127,7 +127,7 @@ def make_cell(name: str, out: Path, *, probe: bool, tracker: bool, plc: bool) ->
         for file, text in (made or {}).items():
             (programs / file).write_bytes(as_loaded(file, text))
         files.append(programs)
-    procedures = [*(["sphere_selfcal"] if probe else []), *(["tracker_calibration"] if tracker and plc else [])]
+    procedures = checks_of(cell.addresses)
     for scale in _SCALES:
         write_atomically(out, dict(_texts(found, maker, out, scale, probe=probe, tracker=tracker, plc=plc))[out])
         try:
@@ -137,7 +137,7 @@ def make_cell(name: str, out: Path, *, probe: bool, tracker: bool, plc: bool) ->
         except InputError:
             if scale == _SCALES[-1] or not probe:
                 raise
-    return MadeCell(tuple(files), tuple(procedures), tuple(cell.addresses))
+    return MadeCell(tuple(files), procedures, tuple(cell.addresses))
 
 
 def _texts(
