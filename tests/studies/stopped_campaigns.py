@@ -3,7 +3,8 @@
 KR5 robots of the simulated sphere cell, three certified spheres. The steps `sphere.plan`, `sphere.next_batch` and
 `sphere.identify` of `sphere_selfcal` plan, decide and judge; the touches are those of the simulated world, without the
 wires. Truth: 3-D RMS over the joint ranges for which the goal is, the best rigid motion removed. Fixed: as many touches
-for all robots, spread evenly, as `sphere_selfcal` makes them without a goal.
+for all robots, spread evenly, as `sphere_selfcal` makes them without a goal. Tracker: does the quantile by which
+`tracker_calibration` ends bound the true error, after so many planned poses measured without wires?
 """
 
 from __future__ import annotations
@@ -15,18 +16,58 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from cellctl.formats import ModelFile
+from cellctl.calibration import Split, fit
+from cellctl.formats import ModelFile, RobotFile, measurements
 from cellctl.records import BatchRow
+from procedures.steps.batches import Forecast, Task
 from procedures.steps.sphere.rows import ReferenceRow, SphereVerdict, TouchRow
-from tests.helpers.simulated_data import workspace_of
+from procedures.steps.tracker.plan_inputs import PlanInputs
+from procedures.steps.tracker.pose_planning import planned_rounds
+from sims.cell import read_cell
+from sims.world.world import World
+from tests.helpers.arms import KR5_FILE
+from tests.helpers.simulated_data import TRACKER_CELL, best_rigid, workspace_of
 from tests.helpers.touch_campaign import SPHERES, TouchCampaign
 from tests.studies._runner import Row, Study, Table, each
+from tests.studies.planned_poses import cell_context, measured_rows, reflector
 
 MOST, HELD_OUT, BATCH, EVERY, POSTURES = 150, 30, 10, 20, 256
 FIXED = (50, 65, 80)
+POSES = (20, 30, 40)
+POSES_HELD_OUT = 10
+"""They say where the tracker's error counts."""
 
 
-def measure(seed: int, goal: float, fixed: int) -> Row:
+def measure(seed: int, goal: float = 0.0, fixed: int = 0, poses: int = 0) -> Row:
+    """A campaign of touches, or the forecast after so many poses of a tracker."""
+    return of_poses(seed, poses) if poses else of_touches(seed, goal, fixed)
+
+
+def of_poses(seed: int, count: int) -> Row:
+    """The predicted error, by which the campaign would end, and the true one, mm."""
+    robot, world = RobotFile.load(KR5_FILE), World(read_cell(TRACKER_CELL), seed)
+    inputs = PlanInputs(fit=count, held_out=POSES_HELD_OUT, choice="optimal")
+    planned = [pose for each in planned_rounds(cell_context(seed), inputs, None) for pose in each.poses]
+    data = measured_rows(world, [pose for pose in planned if pose.kind == "fit"], robot.repeatability, seed)
+    measured = measurements(robot, data, measure="position")
+    result = fit(measured.task, Split(np.arange(len(data.lines)), ()))
+    task = Task.of(((pose.kind, tuple(pose.joints)) for pose in planned), robot.joint_map())
+    forecast = Forecast.of(count, measured.task, result, task)
+    predicted = result.identification.identified.state.model.tcp(task.places)
+    places = robot.joint_map().readings(task.places).tolist()
+    true = np.array([reflector(world, each, (0.0, 0.0, 0.0)) for each in places])
+    error = best_rigid(predicted, true).apply(predicted) - true
+    now = forecast.error.now
+    return {
+        "true": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+        "median": now.median_mm,
+        "high": now.high_mm,
+        "doubt": forecast.doubt,
+        "model": result.model,
+    }
+
+
+def of_touches(seed: int, goal: float, fixed: int) -> Row:
     """One campaign: with a goal, or with a fixed number of touches; what it predicts, and the truth, mm."""
     with TemporaryDirectory() as folder:
         campaign = TouchCampaign(seed, Path(folder))
@@ -56,6 +97,7 @@ def units(asked: Namespace) -> Iterator[Row]:
     """Each robot with each goal, and with each fixed number."""
     yield from each(goal=asked.goals, fixed=[0], seed=asked.seeds)
     yield from each(goal=[0.0], fixed=asked.fixed, seed=asked.seeds)
+    yield from each(poses=POSES, seed=range(201, 201 + asked.tracker))
 
 
 def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
@@ -66,10 +108,25 @@ def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
         "|---|---|---|---|---|---|---|",
     ]
     for goal in asked.goals:
-        lines += _line(f"until {goal:g} mm, median ", goal, [row for row in found if row["goal"] == goal], stopped=True)
+        mine = [row for row in found if row.get("goal") == goal]
+        lines += _line(f"until {goal:g} mm, median ", goal, mine, stopped=True)
         for fixed in asked.fixed:
-            lines += _line(f"{fixed}, spread evenly", goal, [row for row in found if row["fixed"] == fixed])
+            lines += _line(f"{fixed}, spread evenly", goal, [row for row in found if row.get("fixed") == fixed])
     yield Table("\n".join(lines), "stopped figures")
+    yield Table(_of_tracker([row for row in found if "poses" in row]), "tracker figures")
+
+
+def _of_tracker(found: Sequence[Row]) -> str:
+    lines = [
+        "| planned poses | robots | true error below quantile | quantile, mm: median | true error, mm: median, 90 % |",
+        "|---|---|---|---|---|",
+    ]
+    for poses in POSES:
+        if rows := [row for row in found if row["poses"] == poses]:
+            true, high = (np.array([row[key] for row in rows]) for key in ("true", "high"))
+            figures = f"{np.median(high):.3f} | {np.median(true):.3f}, {np.quantile(true, 0.9):.3f}"
+            lines.append(f"| {poses} | {len(rows)} | {(true <= high).sum()} | {figures} |")
+    return "\n".join(lines)
 
 
 def _line(name: str, goal: float, rows: Sequence[Row], *, stopped: bool = False) -> Iterator[str]:
@@ -87,5 +144,6 @@ def _line(name: str, goal: float, rows: Sequence[Row], *, stopped: bool = False)
 OPTIONS = {
     "--goals": {"type": float, "nargs": "+", "default": [0.1], "help": "mm (0.1)"},
     "--fixed": {"type": int, "nargs": "*", "default": list(FIXED), "help": "numbers of touches of the fit"},
+    "--tracker": {"type": int, "default": 12, "help": "robots of the tracker cell (12)"},
 }
 STUDY = Study(units, measure, tables, seeds=40, options=OPTIONS, writes=True)
