@@ -22,7 +22,7 @@ from tests.studies.error_maps import PUBLIC
 from tests.studies.number_of_rows import COLUMNS, positions
 
 CANDIDATES, JUDGES = 800, 3000
-RANDOM = {20: 10, 40: 2}
+RANDOM = {20: 10, 40: 0}
 """Poses of the fit, with the number of random choices of them from each draw."""
 
 
