@@ -101,19 +101,22 @@ def units(asked: Namespace) -> Iterator[Row]:
 
 
 def tables(found: list[Row], asked: Namespace) -> Iterator[Table]:
-    """A line for each goal, and for each fixed number by each goal."""
+    """A line for each goal, and for each fixed number by each goal; then the tracker's, where there are rows of it."""
+    touched, posed = ([row for row in found if name in row] for name in ("goal", "poses"))
     lines = [
         "| touches of the fit | robots | met in truth | claimed | claimed, and not met | true error, mm: median, 90 % "
         "| contacts: median, most |",
         "|---|---|---|---|---|---|---|",
     ]
     for goal in asked.goals:
-        mine = [row for row in found if row.get("goal") == goal]
+        mine = [row for row in touched if row["goal"] == goal]
         lines += _line(f"until {goal:g} mm, median ", goal, mine, stopped=True)
         for fixed in asked.fixed:
-            lines += _line(f"{fixed}, spread evenly", goal, [row for row in found if row.get("fixed") == fixed])
-    yield Table("\n".join(lines), "stopped figures")
-    yield Table(_of_tracker([row for row in found if "poses" in row]), "tracker figures")
+            lines += _line(f"{fixed}, spread evenly", goal, [row for row in touched if row["fixed"] == fixed])
+    if touched:
+        yield Table("\n".join(lines), "stopped figures")
+    if posed:
+        yield Table(_of_tracker(posed), "tracker figures")
 
 
 def _of_tracker(found: Sequence[Row]) -> str:
