@@ -1,14 +1,15 @@
 """The console script: each call ends with a fixed exit code and a message, from the first import on."""
 
+import signal
 import sys
 
 
 def main() -> None:
     """Run `cellctl` with the words of the command line."""
     try:  # the imports are slow, and Ctrl-C must not wait for them
-        import signal
+        from cellctl.signals import sigterm_as_sigint
 
-        signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # for the handler of that one
+        sigterm_as_sigint()
         from cellctl.cli import exit_codes, streams
         from cellctl.cli.verbs import app
 

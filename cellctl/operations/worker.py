@@ -11,13 +11,13 @@ import asyncio
 import contextlib
 import json
 import os
-import signal
 import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, TypeAlias
 
 from cellctl.operations.results import ABORTED, Failure, as_json, from_json
+from cellctl.signals import sigterm_as_sigint
 
 Tell: TypeAlias = Callable[[dict[str, Any]], None]
 Operation: TypeAlias = Callable[[dict[str, Any], Tell], Any]
@@ -83,7 +83,7 @@ async def result_of(operation: str, request: Mapping[str, Any]) -> Any:
 
 def main(operations: Mapping[str, str] = OPERATIONS) -> int:
     """Run the operation that the command line names. Returns its exit code."""
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    sigterm_as_sigint()
     tell = _teller()
     try:
         module, name = operations[sys.argv[1]].split(":")

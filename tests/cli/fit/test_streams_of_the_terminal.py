@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -99,13 +100,15 @@ def test_ctrl_c_while_anything_is_imported_ends_in_one_line_with_130(run, while_
     ends_in_one_line_with_130(run, while_importing, "SIGINT")
 
 
-def test_sigterm_ends_like_ctrl_c(run):
-    ends_in_one_line_with_130(run, "scipy", "SIGTERM")
+@pytest.mark.parametrize("sigint", [signal.SIG_DFL, signal.SIG_IGN])
+def test_sigterm_ends_like_ctrl_c_in_a_job_that_a_script_started_with_an_ampersand_too(run, sigint):
+    before = {"preexec_fn": lambda: signal.signal(signal.SIGINT, sigint)}
+    ends_in_one_line_with_130(run, "scipy", "SIGTERM", **before)
 
 
-def ends_in_one_line_with_130(run, while_importing, signal_name):
+def ends_in_one_line_with_130(run, while_importing, signal_name, **more):
     program = [sys.executable, "-B", "-c", INTERRUPTED.format(while_importing, signal_name)]
-    ended = run("fit", "robot.yaml", "positions.csv", "--out", "m.json", program=program)
+    ended = run("fit", "robot.yaml", "positions.csv", "--out", "m.json", program=program, **more)
     assert (ended.returncode, ended.stdout, complaints(ended)) == (130, b"", b"cellctl: aborted by the operator\n")
 
 
