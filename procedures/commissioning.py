@@ -1,4 +1,4 @@
-"""The last step of a commissioning: one touch of one sphere, as a campaign does it, slowly and in T1."""
+"""The last step of a commissioning: one touch of one sphere, as a campaign does it, slowly."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from cellctl.devices import (
     Figure,
     Person,
     SearchingRobot,
+    SlowlyMoved,
 )
 from cellctl.files import Document
 from cellctl.formats import artefact_of
@@ -32,7 +33,6 @@ _PRESSED_MM = 0.5
 """Longest way of the tip after the contact at 1 mm/s: half a second."""
 
 _SEED = 1
-_T1 = "Select T1 and hold the enabling switch, the robot at its home posture"
 
 
 def _steps(
@@ -45,13 +45,14 @@ def _steps(
     if not {"artefact", "postures"} <= cell.data.keys():
         return ()
     sphere = artefact_of(cell, ("artefact",)).spheres[0].id
+    mode = robot.slow_mode if isinstance(robot, SlowlyMoved) else ""
     step = CommissioningStep(
         "touch",
         f"one touch of sphere {sphere}",
-        f"In T1, from its home posture: transfers at {_SPEEDS.transfer_percent:g} %, a search on {sphere} at "
-        f"{_SPEEDS.search_mm_s:g} mm/s until contact, and back home.",
-        "a campaign repeats this, faster and in EXT",
-        partial(_touch, CellFiles(cell, robot_file, _SEED), sphere, robot, probe, clock),
+        f"{f'In {mode}, from' if mode else 'From'} its home posture: transfers at {_SPEEDS.transfer_percent:g} %, a "
+        f"search on {sphere} at {_SPEEDS.search_mm_s:g} mm/s until contact, and back home.",
+        "a campaign repeats this, faster" + (" and in EXT" if mode else ""),
+        partial(_touch, CellFiles(cell, robot_file, _SEED), sphere, robot, probe, clock, mode),
         moves=True,
     )
     return (step,)
@@ -61,12 +62,14 @@ CELL_STEPS = CellSteps(_steps)
 
 
 async def _touch(
-    context: CellFiles, sphere: str, robot: SearchingRobot, probe: ContactProbe, clock: Clock, person: Person
+    context: CellFiles, sphere: str, robot: SearchingRobot, probe: ContactProbe, clock: Clock, mode: str, person: Person
 ) -> list[Figure]:
-    if (await robot.health()).mode not in ("T1", ""):
-        await person.asked(_T1, robot.name, "T1")
-        if (mode := (await robot.health()).mode) != "T1":
-            raise DeviceRefused(robot.name, f"the controller is in {mode}, not in T1", f"{_T1}; then try again.")
+    if mode and (await robot.health()).mode != mode:
+        request = f"Select {mode} and hold the enabling switch, the robot at its home posture"
+        await person.asked(request, robot.name, mode)
+        if (found := (await robot.health()).mode) != mode:
+            what = f"the controller is in {found}, not in {mode}"
+            raise DeviceRefused(robot.name, what, f"{request}; then try again.")
     (planned,) = await clock.compute(plan_on, context, {sphere: 1}, _SEED)
     line = as_plan(0, planned, "fit")
 

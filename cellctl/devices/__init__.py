@@ -11,7 +11,7 @@ from cellctl.devices._cell_io import (
     Temperatures,
     VariableStore,
 )
-from cellctl.devices._commissioning import CellSteps, Commissioned, CommissioningStep, Figure, Person
+from cellctl.devices._commissioning import CellSteps, Commissioned, CommissioningStep, Figure, Person, SlowlyMoved
 from cellctl.devices._points import Lock, Matrix3, MeasuredPoint, PointSource, Reflector, TwoFaceError, Vector3, Weather
 from cellctl.devices._protocols import (
     TABLE_CORRECTION_DEG,
@@ -122,6 +122,7 @@ __all__ = [
     "SearchEnd",
     "SearchResult",
     "SearchingRobot",
+    "SlowlyMoved",
     "StoppedUntilCleared",
     "Surroundings",
     "TableInfo",

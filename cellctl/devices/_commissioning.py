@@ -98,6 +98,15 @@ class Commissioned(Protocol):
         """The steps, in their order. They are run after `connect`."""
 
 
+@runtime_checkable
+class SlowlyMoved(Protocol):
+    """A robot whose controller has a mode of slow motion under an enabling switch; its commissioning moves in that."""
+
+    @property
+    def slow_mode(self) -> str:
+        """The mode as `Health.mode` names it, as T1."""
+
+
 @final
 @dataclass(frozen=True, slots=True)
 class CellSteps:

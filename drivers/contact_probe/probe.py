@@ -252,6 +252,7 @@ async def _trip(probe: ContactProbe, clock: Clock, person: Person, number: int) 
             contact = await probe.contact()
             while await probe.touching():
                 await clock.sleep(_LOOK_S)
+            await clock.sleep(_LOOK_S)  # the probe arms only where the loop has been open for 20 ms
     except TimeoutError:
         what = f"no contact that began and ended came within {_WAIT_S:g} s"
         raise DeviceFault(

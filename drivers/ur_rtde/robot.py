@@ -15,6 +15,7 @@ from typing import Final, final
 from cellctl.clock import Clock, DelayFit, MinimumDelayFit
 from cellctl.devices import (
     ArmRows,
+    CommissioningStep,
     DeviceError,
     DeviceFault,
     DeviceLost,
@@ -31,6 +32,7 @@ from cellctl.devices import (
     SearchResult,
 )
 from drivers.seen_through import see_through
+from drivers.ur_rtde.commissioning import WatchedData, steps_of
 from drivers.ur_rtde.dashboard import Dashboard
 from drivers.ur_rtde.jobs import Job, Jobs, Outcome, refusal
 from drivers.ur_rtde.kinematics_info import Calibration, read_calibration
@@ -294,7 +296,45 @@ class UrRobot(HostTableStore):
         middle_ns = (used[0].arrival_ns + used[-1].arrival_ns) // 2
         return MotorCurrents(tuple(map(fmean, columns)), sigmas, samples, middle_ns)
 
+    # commissioning
+
+    def commissioning(self) -> tuple[CommissioningStep, ...]:
+        """Data at rest; the probe's wire, where there is one; a tenth of a degree of each axis; stops."""
+        return steps_of(self, self._clock, self._place.contact_input)
+
+    async def watch_data(self, seconds: float) -> WatchedData:
+        """All packages of so many seconds, at rest. Raises DeviceLost, DeviceRefused."""
+        samples: list[Sample] = []
+        skipped, stale = self._line.skipped, self._line.stale
+        with self._one_at_a_time():
+            async with self._line.streaming(self._line.rate_hz, samples.append):
+                until = self._clock.now() + seconds
+                while self._clock.now() < until:
+                    await self._line.next(1.0)
+        missed = (self._line.skipped - skipped, self._line.stale - stale)
+        return WatchedData(samples, *missed, self._line.rate_hz, _clock_of(samples))
+
+    async def contact_seen(self, *, closed: bool, limit_s: float) -> bool:
+        """Wait until the contact input is closed, or is not; whether it was within the limit, s."""
+        with self._one_at_a_time():
+            async with self._line.streaming(_MOVE_HZ):
+                until = self._clock.now() + limit_s
+                while self._clock.now() < until:
+                    if self._wired(await self._line.next(1.0)) is closed:
+                        return True
+        return False
+
+    def searching(self) -> bool:
+        """Whether a search goes along its line."""
+        sample = self._line.recent() if self._busy else None
+        return sample is not None and not sample.stands
+
     # internal
+
+    def _wired(self, sample: Sample) -> bool:
+        """Whether the contact input is closed."""
+        contact, level = self._place.contact_input, self._place.contact_level
+        return contact is not None and bool(sample.inputs >> contact & 1) == level
 
     def _put_stop(self) -> None:
         """In the loop; a stop that was cleared meanwhile is none."""
@@ -370,11 +410,9 @@ class UrRobot(HostTableStore):
 
     def _stop_cycles(self, samples: list[Sample]) -> int:
         """Samples from the first with the stop known, by the wire or from this computer, to the first at rest."""
-        contact, level = self._place.contact_input, self._place.contact_level
         for first, sample in enumerate(samples):
-            wired = contact is not None and bool(sample.inputs >> contact & 1) == level
             told = self._stopped_ns is not None and sample.arrival_ns >= self._stopped_ns
-            if wired or told:
+            if told or self._wired(sample):
                 return next((n for n, after in enumerate(samples[first:]) if after.stands), len(samples) - first)
         return 0
 

@@ -30,6 +30,9 @@ UNLOCK_NS = 5_000_000_000
 """A protective stop cannot be unlocked earlier."""
 HISTORY = 500
 """Cycles of which the joints are known."""
+BY_HAND_NS = 300_000_000
+"""So long somebody who touches the tip by hand closes the probe's loop."""
+
 CURRENT_NOISE_A = 0.02
 """1 σ of one value."""
 FOR_EVER_NS = 1 << 62
@@ -70,6 +73,7 @@ class Controller:
         self.history: list[tuple[float, ...]] = []
         self._remote = settings["control"] == "remote"
         self._booted_ns = kernel.now
+        self._by_hand_until_ns = 0
         self._jump_ns = 0
         self._stopped_ns = -UNLOCK_NS
         self._event: Event | None = None
@@ -127,7 +131,8 @@ class Controller:
     def digital_in(self) -> int:
         """The inputs' bits: the probe's wire, where there is one."""
         number = self.setup.settings["probe_input"]
-        return int(self.scene.contact.closed) << number if number is not None else 0
+        closed = self.scene.contact.closed or self.kernel.now < self._by_hand_until_ns
+        return int(closed) << number if number is not None else 0
 
     def currents(self, *, noise: bool = True) -> tuple[float, ...]:
         """Of the joints' motors, A."""
@@ -296,8 +301,11 @@ class Controller:
         if action == "start program":
             self.start_program()
             return
+        if action == "touch":
+            self._by_hand_until_ns = self.kernel.now + BY_HAND_NS
+            return
         if action not in ("remote control", "local control"):
-            raise Refused("the pendant has: remote control, local control, start program")
+            raise Refused("by hand: remote control, local control, start program (pendant), touch (the probe's tip)")
         self._remote = action == "remote control"
 
     def _boot(self) -> None:

@@ -1,11 +1,10 @@
 """The commissioning of a KUKA robot: a minute of telegrams at rest, a tenth of a degree of each axis, stops.
 
-All of it in T1. Each motion is a search, so that every limit of the lowest layer holds.
+All of it in T1.
 """
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -13,15 +12,17 @@ from statistics import fmean, median
 from typing import Protocol, final
 
 from cellctl.clock import Clock
-from cellctl.devices import (
-    CommissioningStep,
-    DeviceRefused,
-    Figure,
-    JointReadings,
-    Person,
-    SearchEnd,
-    SearchingRobot,
-    SearchResult,
+from cellctl.devices import CommissioningStep, DeviceRefused, Figure, Person, SearchResult
+from drivers.commissioning_motions import (
+    LINE_DEG,
+    LINE_DEG_S,
+    STOPS,
+    TENTH_DEG,
+    TENTH_DEG_S,
+    MovingRobot,
+    stop_figures,
+    stops,
+    tenths,
 )
 from drivers.kuka_rsi.cyclic.following import LONGEST_LAG_S
 from drivers.kuka_rsi.cyclic.shared_block import SessionFacts
@@ -34,20 +35,6 @@ _SESSION_S = 30.0
 _LATE_SHARE = 0.01
 """Largest share of answers that are late by the controller's Delay, and of telegrams that are lost or skipped. It is 75
 in a session at 4 ms: a controller that never resets its count stops after `Timeout`, 100 as a rule."""
-
-_TENTH_DEG, _TENTH_DEG_S = 0.1, 0.1
-_ASTRAY_DEG = 0.02
-"""Largest error of a tenth of a degree, of its way back, and of every other axis: noise of encoder and friction."""
-
-_STOPS = 3
-_LINE_DEG, _LINE_DEG_S = 0.5, 0.25
-"""Of A1: 12 mm at 6 mm/s of a TCP that is 1.4 m away."""
-_STEADY_S = 1.0
-"""From the first step of the set-point until the stop: the speed is constant then."""
-_LOOK_S = 0.02
-
-_TOUCH_MM_S = 10.0
-"""Fastest search of the shipped procedures, speed of the TCP."""
 
 _CYCLES_OF_STOP = 1.5
 """From the telegram whose answer is the first with the stop until the controller's set-point stands: the answer is
@@ -68,14 +55,11 @@ class WatchedSession:
     facts: SessionFacts
 
 
-class WatchedRobot(SearchingRobot, Protocol):
+class WatchedRobot(MovingRobot, Protocol):
     """The robot, as the steps use it."""
 
     async def watch_telegrams(self, seconds: float) -> WatchedSession:
         """An RSI session at rest."""
-
-    def searching(self) -> bool:
-        """Whether the set-point of a search goes along its line."""
 
 
 def steps_of(robot: WatchedRobot, clock: Clock) -> tuple[CommissioningStep, ...]:
@@ -91,7 +75,7 @@ def steps_of(robot: WatchedRobot, clock: Clock) -> tuple[CommissioningStep, ...]
         CommissioningStep(
             "tenth",
             "a tenth of a degree of each axis",
-            f"In T1, each axis moves by +{_TENTH_DEG:g}° and back by RSI, A1 first, at {_TENTH_DEG_S:g} deg/s.",
+            f"In T1, each axis moves by +{TENTH_DEG:g}° and back by RSI, A1 first, at {TENTH_DEG_S:g} deg/s.",
             "each correction moves its own axis, in its direction, by its amount",
             partial(_tenths, robot),
             moves=True,
@@ -99,7 +83,7 @@ def steps_of(robot: WatchedRobot, clock: Clock) -> tuple[CommissioningStep, ...]
         CommissioningStep(
             "stop",
             "the distance of a stop",
-            f"In T1, A1 goes {_STOPS} times towards +{_LINE_DEG:g}° at {_LINE_DEG_S:g} deg/s, is stopped on the way, "
+            f"In T1, A1 goes {STOPS} times towards +{LINE_DEG:g}° at {LINE_DEG_S:g} deg/s, is stopped on the way, "
             "and goes back.",
             "a touch presses the tip by no more than this distance",
             partial(_stops, robot, clock),
@@ -149,74 +133,19 @@ async def _telegrams(robot: WatchedRobot, person: Person) -> list[Figure]:
     ]
 
 
-async def _go(robot: WatchedRobot, end: JointReadings, speed_deg_s: float) -> SearchResult:
-    robot.clear_stop()
-    return await robot.search(end, speed_deg_s)
-
-
 async def _tenths(robot: WatchedRobot, person: Person) -> list[Figure]:
     await _in_t1(robot, person)
-    figures: list[Figure] = []
-    others: list[float] = []
-    ways_back: list[float] = []
-    for axis in range(robot.axes):
-        start = await robot.joints()
-        end = tuple(angle + _TENTH_DEG * (i == axis) for i, angle in enumerate(start))
-        moved = _difference((await _go(robot, end, _TENTH_DEG_S)).resting, start)
-        back = _difference((await _go(robot, start, _TENTH_DEG_S)).resting, start)
-        low, high = _TENTH_DEG - _ASTRAY_DEG, _TENTH_DEG + _ASTRAY_DEG
-        figures.append(Figure(f"a{axis + 1}_deg", f"A{axis + 1} moved", moved[axis], "deg", least=low, most=high))
-        others += [abs(angle) for i, angle in enumerate(moved) if i != axis]
-        ways_back += map(abs, back)
-        if not figures[-1].ok or max(others) > _ASTRAY_DEG:
-            break  # the next axis would move on corrections that are wired wrongly
-    return [
-        *figures,
-        Figure("others_deg", "other axes moved, at most", max(others), "deg", most=_ASTRAY_DEG),
-        Figure("back_deg", "away from the start after the way back, at most", max(ways_back), "deg", most=_ASTRAY_DEG),
-    ]
-
-
-def _difference(a: JointReadings, b: JointReadings) -> JointReadings:
-    return tuple(x - y for x, y in zip(a, b, strict=True))
+    return await tenths(robot)
 
 
 async def _stops(robot: WatchedRobot, clock: Clock, person: Person) -> list[Figure]:
     await _in_t1(robot, person)
-    way_deg, lags_ms = [], []
-    for _ in range(_STOPS):
-        start = await robot.joints()
-        found, stopped_ns = await _stopped_on_the_way(robot, clock, start)
-        if found.end is not SearchEnd.STOPPED:
-            return [Figure("end", "end of the search", found.end.value, wanted=SearchEnd.STOPPED.value)]
-        way_deg.append(abs(found.resting[0] - found.joints_at(stopped_ns)[0]))
-        lags_ms.append(_lag_ms(found, stopped_ns))
-        await _go(robot, start, _LINE_DEG_S)
-    stop_s = max(way_deg) / _LINE_DEG_S
-    longest_ms = LONGEST_LAG_S * 1e3
-    return [
-        Figure("stop_deg", f"way after a stop at {_LINE_DEG_S:g} deg/s", max(way_deg), "deg"),
-        Figure("stop_ms", "the same in time at that speed", stop_s * 1e3, "ms", most=longest_ms),
-        Figure("stop_mm", f"the same at {_TOUCH_MM_S:g} mm/s", stop_s * _TOUCH_MM_S, "mm"),
-        Figure("lag_ms", "of that the lag of the axis", fmean(lags_ms), "ms"),
-    ]
-
-
-async def _stopped_on_the_way(robot: WatchedRobot, clock: Clock, start: JointReadings) -> tuple[SearchResult, int]:
-    """The search, and when it was told to stop, ns of the cell's time."""
-    robot.clear_stop()
-    search = asyncio.create_task(robot.search((start[0] + _LINE_DEG, *start[1:]), _LINE_DEG_S))
-    try:
-        while not search.done() and not robot.searching():
-            await clock.sleep(_LOOK_S)
-        await clock.sleep(_STEADY_S)
-        robot.stop_now()
-        stopped_ns = clock.now_ns()
-        return await search, stopped_ns
-    except BaseException:
-        search.cancel()  # it holds the robot
-        await asyncio.gather(search, return_exceptions=True)
-        raise
+    stopped = await stops(robot, clock)
+    figures = stop_figures(stopped, LONGEST_LAG_S)
+    if all(figure.ok for figure in figures if figure.wanted):
+        lag_ms = fmean(_lag_ms(each.found, each.stopped_ns) for each in stopped)
+        figures.append(Figure("lag_ms", "of that the lag of the axis", lag_ms, "ms"))
+    return figures
 
 
 def _lag_ms(found: SearchResult, stopped_ns: int) -> float:
@@ -224,5 +153,5 @@ def _lag_ms(found: SearchResult, stopped_ns: int) -> float:
     times = found.times_ns
     cycle_ns = min(after - before for before, after in pairwise(times))
     first = next((i for i, time in enumerate(times) if time >= stopped_ns), len(times) - 1)
-    way_s = abs(found.resting[0] - found.joints[first][0]) / _LINE_DEG_S
+    way_s = abs(found.resting[0] - found.joints[first][0]) / LINE_DEG_S
     return max(0.0, way_s * 1e3 - _CYCLES_OF_STOP * cycle_ns * 1e-6)

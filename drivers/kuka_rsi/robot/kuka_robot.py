@@ -259,6 +259,11 @@ class KukaRobot:
 
     # commissioning
 
+    @property
+    def slow_mode(self) -> str:
+        """T1."""
+        return "T1"
+
     def commissioning(self) -> tuple[CommissioningStep, ...]:
         """Telegrams at rest; a tenth of a degree of each axis; stops of a slow search."""
         return steps_of(self, self._clock)

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import pty
+import shutil
 import sys
 from collections.abc import Iterator
 from typing import Any
@@ -123,3 +124,29 @@ def test_the_sphere_cell_is_commissioned_in_real_time(tmp_path):
     assert (done.returncode == 0) is (begun[-1]["id"] == "cell.touch" and begun[-1]["state"] == "passed"), done.stderr
     assert all(step["confirmed_by"] == "Maria" for step in begun)
     assert page.read_text().count("<h2>") == 7
+
+
+@pytest.mark.long
+def test_a_cell_of_a_ur_is_commissioned_with_the_same_call(tmp_path):
+    done = cellctl("doctor", ur_cell(tmp_path), "--commission", "--yes", "--json", tmp_path / "done.json")
+    assert done.returncode == 0, done.stderr
+    steps = {step["id"]: step for step in json.loads((tmp_path / "done.json").read_text())["steps"]}
+    assert all(step["state"] == "passed" for step in steps.values())
+    assert "T1" not in done.stdout
+    data = {figure["name"]: figure["value"] for figure in steps["robot.data"]["figures"]}
+    assert (data["packages"], data["skipped"], data["stale"]) == (pytest.approx(15_000, abs=20), 0, 0)
+    assert 0.0 < data["current_a"] < 0.1
+    (contacts,) = steps["robot.wire"]["figures"]
+    assert contacts["value"] == 3
+    assert {"a1_deg", "a6_deg"} <= {figure["name"] for figure in steps["robot.tenth"]["figures"]}
+    stop = {figure["name"]: figure["value"] for figure in steps["robot.stop"]["figures"]}
+    assert 0.0 < stop["stop_ms"] < 150.0
+
+
+def ur_cell(folder):
+    """A copy of the shipped cell of a UR10e, with its programs."""
+    shutil.copytree(CELL.parent / "ur10e_programs", folder / "ur10e_programs")
+    text = (CELL.parent / "ur10e_cell.yaml").read_text().replace("../robots/", f"{CELL.parents[1]}/robots/")
+    path = folder / "cell.yaml"
+    path.write_text(text)
+    return path
