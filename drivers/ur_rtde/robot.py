@@ -175,6 +175,7 @@ class UrRobot(HostTableStore):
 
         `latency_ms`: of a question to the Dashboard server. Clock figures: of the last search.
         """
+        found = self._jobs.obstacles(await self._sample())
         asked_ns = self._clock.now_ns()
         local = await self._is_local()
         figures = {"latency_ms": (self._clock.now_ns() - asked_ns) * 1e-6}
@@ -182,7 +183,7 @@ class UrRobot(HostTableStore):
         if fit := self._search_clock:
             figures |= {"clock_offset_ms": fit.offset_ns * 1e-6, "clock_drift_ppm": fit.drift * 1e6}
             figures["clock_sigma_ms"] = fit.sigma_ns * 1e-6
-        found = [*self._jobs.obstacles(await self._sample()), *([LOCAL] if local else [])]
+        found += [LOCAL] if local else []
         mode = "local" if local else "remote"
         return Health(not found, "; ".join(found) or "running, resident program runs", figures, mode)
 
