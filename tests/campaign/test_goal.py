@@ -93,7 +93,7 @@ def test_the_report_has_the_curve_and_the_end(stopped: Path) -> None:
 @pytest.mark.parametrize(("setting", "ended"), [("least_gain=50", "gain"), ("time_most=1", "time")])
 def test_it_ends_before_the_goal_and_does_not_end_well(setting: str, ended: str, tmp_path: Path) -> None:
     runs, result = tmp_path / "runs", tmp_path / "result.json"
-    words = settings("goal=0.01", "standoff_targets=3", setting)
+    words = settings("goal=0.01", "touches_test=8", "standoff_targets=3", setting)
     done = cellctl("run", SELFCAL, "--seed", str(SEED), "--runs", runs, "--json", result, *words)
     assert done.returncode == 1, done.stderr
     found = json.loads(result.read_text())
