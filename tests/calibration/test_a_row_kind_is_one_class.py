@@ -73,6 +73,7 @@ def test_the_set_up_check_judges_the_other_rows_and_says_what_it_left_out(task):
     assert "A3 reversed" in error.words()
 
 
+@pytest.mark.long
 def test_the_page_names_and_draws_them_and_says_why_it_proposes_none(task, tmp_path):
     page = tmp_path / "page.html"
     write_fit_page(page, told(task))

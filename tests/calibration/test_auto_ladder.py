@@ -122,6 +122,7 @@ def test_all_effects_at_once_are_told_apart():
     assert auto.coverage_95 > 0.89  # of 120 rows: 3 σ below 0.95
 
 
+@pytest.mark.long
 def test_a_payload_that_changes_is_told_from_the_links_own_weight():
     of = measured(4, FIT + HELD_OUT, ("compliance",), payload=True)
     known, unknown = (of.fitted(FIT, JointCompliance.of(ROBOT.chain(), load_known=known)) for known in (True, False))

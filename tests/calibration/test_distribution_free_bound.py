@@ -65,6 +65,7 @@ def test_eighteen_rows_give_no_bound_and_say_so(kr5):
     assert bound.unknown == "18 rows, 19 at least"
 
 
+@pytest.mark.long
 def test_touches_bound_the_distance_along_the_normal_of_other_touches():
     inside = []
     for seed in range(1000, 1006):

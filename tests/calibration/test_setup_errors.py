@@ -520,6 +520,7 @@ def test_other_robots_and_shuffled_rows_do_not_belong_together():
         assert wide_fit(positions(KR5, right.readings, mixed), KR5, right.readings).unrelated
 
 
+@pytest.mark.long
 def test_rows_out_of_step_are_named_in_each_session_by_itself():
     """Two set-ups of the instrument; in the first rows lag by one from row 12 on, in the second by two throughout."""
     first, second = Measured(54, 30), Measured(54, 30)

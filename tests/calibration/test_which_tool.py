@@ -106,6 +106,7 @@ def test_sockets_tell_a_new_tool_without_a_search():
     assert off_in_sigma(campaign, found) < 4.0
 
 
+@pytest.mark.long
 def test_touches_that_contradict_each_other_prove_no_new_tool_however_far_the_older_one_is_off():
     _, task = retooled(2, 1, touches=12, shift_mm=300.0)
     rows = task.rows.only

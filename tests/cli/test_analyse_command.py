@@ -52,6 +52,7 @@ def analysed(cellctl, *options, robot=ROBOT, data="data.csv", check=False):
     return json.loads(Path("r.json").read_text())
 
 
+@pytest.mark.long
 def test_the_numbers_of_a_campaign_are_on_the_screen_in_the_json_and_on_the_page(cellctl, capsys):
     write(*campaign())
     first = analysed(cellctl, "--report", "one.html")

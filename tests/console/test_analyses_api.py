@@ -49,6 +49,7 @@ def reversed_axis_2(robot: str) -> bytes:
     return robot.replace("{min", "{sign: -1, min", 2).replace("{sign: -1, min", "{min", 1).encode()
 
 
+@pytest.mark.long
 def test_a_data_file_is_uploaded_understood_fitted_and_its_results_downloaded(tmp_path: Path) -> None:
     async def work(client: httpx.AsyncClient) -> dict[str, httpx.Response]:
         files = {
@@ -82,6 +83,7 @@ def test_a_binary_is_refused_and_not_kept(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("analyses/*"))
 
 
+@pytest.mark.long
 def test_a_data_set_that_fit_refuses_is_understood_with_the_line_and_cure_of_the_command_line(tmp_path: Path) -> None:
     wrong = reversed_axis_2((INPUTS / "robot.yaml").read_text())
     data = (INPUTS / "positions.csv").read_bytes()
@@ -93,6 +95,7 @@ def test_a_data_set_that_fit_refuses_is_understood_with_the_line_and_cure_of_the
     assert "sign" in problem["cure"]
 
 
+@pytest.mark.long
 def test_the_audit_log_has_the_outcome_of_a_fits_end(tmp_path: Path) -> None:
     async def work(client: httpx.AsyncClient) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
         files = {"data": ("data.csv", (INPUTS / "positions.csv").read_bytes())}
@@ -181,6 +184,7 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     assert (answer.status_code, answer.json()["problems"][0]["what"]) == (422, "is there more than once")
 
 
+@pytest.mark.long
 def test_a_urdf_is_taken_with_the_repeatability_that_it_lacks(tmp_path: Path) -> None:
     made = exported(read_source(INPUTS / "robot.yaml", None, None, None), "urdf", ExportOptions())
     urdf = ("arm.urdf", str(made.content).encode())

@@ -37,6 +37,7 @@ def test_the_openapi_document_says_which_routes_need_the_token(served: ConsolePr
     assert free == []
 
 
+@pytest.mark.long
 def test_a_second_console_at_the_same_port_says_so(served: ConsoleProcess, tmp_path: Path) -> None:
     port = served.url.rpartition(":")[2]
     command = [sys.executable, "-P", "-m", "cellctl", "console", "--port", port, "--runs", str(tmp_path)]
@@ -46,6 +47,7 @@ def test_a_second_console_at_the_same_port_says_so(served: ConsoleProcess, tmp_p
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_a_console_does_not_listen_at_all_addresses(tmp_path: Path) -> None:
     command = [sys.executable, "-P", "-m", "cellctl", "console", "--host", "0.0.0.0", "--runs", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
@@ -53,6 +55,7 @@ def test_a_console_does_not_listen_at_all_addresses(tmp_path: Path) -> None:
     assert "name one address" in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_and_sigterm_end_a_console_with_code_0(tmp_path: Path, number: signal.Signals) -> None:
     with console_process(tmp_path / "runs") as console:
@@ -104,6 +107,7 @@ def test_an_unknown_address_is_a_page_of_the_console_with_a_way_back(served: Con
         page.get_by_role("heading", name="Analyse a data file").wait_for()
 
 
+@pytest.mark.long
 def test_a_missing_file_of_a_page_is_a_plain_answer(served: ConsoleProcess) -> None:
     answer = httpx.get(f"{served.url}/_nicegui/{nicegui.__version__}/resources/none/none.js")
     assert (answer.status_code, answer.headers["content-type"]) == (404, "application/json")

@@ -142,6 +142,7 @@ def test_what_is_no_route_of_the_api_is_answered_as_json(
     assert (answer.status_code, bool(answer.json()["cure"])) == (status, True)
 
 
+@pytest.mark.long
 def test_a_download_of_a_run_with_a_strange_name_keeps_its_headers_apart(
     console: ConsoleProcess, client: httpx.Client
 ) -> None:

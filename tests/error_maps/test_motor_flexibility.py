@@ -123,6 +123,7 @@ def distance(found, true):
     return np.linalg.norm(found - true, axis=1).mean()
 
 
+@pytest.mark.long
 def test_the_network_predicts_from_joints_alone_what_the_weight_does(network):
     new = rows(200, 10, reach=0.15)
     assert distance(0.0, of_weight(new)) > 0.8
@@ -145,6 +146,7 @@ def test_where_the_joints_turn_by_the_weight_alone_the_network_predicts_better_t
     assert distance(network.errors(new.q), of_weight(new)) < 0.25 * direct
 
 
+@pytest.mark.long
 def test_a_network_trained_near_the_path_is_nearer_there_than_one_trained_anywhere(flexibility, network):
     new, anywhere = rows(200, 10, reach=0.15), rows(500, 9, reach=1.2)
     other = FlexibilityNetwork.trained(flexibility, anywhere.q, anywhere.currents)

@@ -87,6 +87,7 @@ MAPS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("term", MAPS)
 def test_a_map_predicts_what_the_geometry_leaves(term):
     found, result = fitted(f"geometry+{term}")
@@ -106,6 +107,7 @@ def test_kriging_states_a_sigma_and_the_others_none():
     assert (other.sigma_ok, other.sigma_reason) == (None, "the model states no σ")
 
 
+@pytest.mark.long
 def test_far_from_the_rows_the_sigma_of_kriging_is_the_size_of_the_errors():
     model = file_of("geometry+kriging").robot_model()
     near, far = Postures(ROBOT.joint_map().model(rows()[0])), Postures(np.full((1, 3), 50.0))
@@ -126,6 +128,7 @@ def test_the_model_file_has_the_map(term, tmp_path):
     assert_allclose(stored.robot_model().tcp(q), result.identification.identified.state.model.tcp(q), atol=1e-9)
 
 
+@pytest.mark.long
 def test_rows_that_judge_have_no_influence():
     _, one = fitted("geometry+kriging")
     _, other = fitted("geometry+kriging", spoilt=5.0)
@@ -134,6 +137,7 @@ def test_rows_that_judge_have_no_influence():
     assert other.test.mean > 5.0
 
 
+@pytest.mark.long
 def test_each_fold_learns_its_own_map():
     found = read("geometry+kriging:weights=equal")
     by_folds = fit(found.task, Split.folds(len(found.lines), 4, 0))

@@ -55,6 +55,7 @@ def test_nothing_of_ours_names_it():
     assert not [path for path in ours if "thermometer" in path.read_text(encoding="utf-8")]
 
 
+@pytest.mark.long
 def test_its_campaign_is_checked_run_shown_and_reported(cellctl, tmp_path):
     checked = cellctl("check", "temperatures", "--cell", "cell.yaml")
     assert checked.returncode == 0, checked.stderr
@@ -79,11 +80,13 @@ print(TestClient(api_app(new_console(Settings(Path("runs"))))).get("/api/tempera
 """
 
 
+@pytest.mark.long
 def test_its_history_is_in_the_navigation_and_has_a_route(cellctl):
     done = cellctl("-c", HISTORY)
     assert done.stdout.splitlines() == ["/temperature", "{'runs': 1}"], done.stderr
 
 
+@pytest.mark.long
 def test_its_fault_at_its_event_ends_the_run_with_what_to_do(cellctl, tmp_path):
     cell = (tmp_path / "cell.yaml").read_text()
     fault = "  faults: [{fault: thermometer.silent, event: thermometer.read, count: 4}]\n"

@@ -41,6 +41,7 @@ def cellctl(folder, *words, kit=True):
     return subprocess.run(command, cwd=folder, env=environment, **options)
 
 
+@pytest.mark.long
 def test_the_model_file_has_the_effect_with_its_amounts(folder):
     model = json.loads((folder / "model.json").read_text())
     assert "tool_heat" in json.dumps(model)
@@ -55,6 +56,7 @@ def test_without_the_package_the_model_file_says_which_effect_is_missing(folder)
     assert "'tool_heat' is no kind of effect" in done.stderr
 
 
+@pytest.mark.long
 def test_the_method_compensates_targets_as_well_as_the_shipped_ones(folder):
     for name in ("six.yaml", "poses.csv", "joints.csv"):
         shutil.copy(ROOT / "tests" / "golden" / "inputs" / name, folder)
@@ -84,6 +86,7 @@ def with_heights(folder):
     return folder
 
 
+@pytest.mark.long
 def test_rows_of_the_kind_are_fitted_and_judged_with_those_of_cellctl(with_heights):
     words = ("--model", "geometry", "--json", "fit.json", "--report", "fit.html")
     done = cellctl(with_heights, "fit", "robot.yaml", "heights.csv", *words)
@@ -96,6 +99,7 @@ def test_rows_of_the_kind_are_fitted_and_judged_with_those_of_cellctl(with_heigh
     assert "60 heights" in (with_heights / "fit.html").read_text()
 
 
+@pytest.mark.long
 def test_without_the_package_the_rows_of_its_kind_are_rejected(with_heights):
     done = cellctl(with_heights, "fit", "robot.yaml", "heights.csv", "--model", "geometry", kit=False)
     assert "line 62: not used: X is missing" in done.stderr

@@ -35,6 +35,7 @@ def test_report_and_model_file_are_those_of_the_command(files, options, words):
     assert (files / "python.json").read_bytes() == model
 
 
+@pytest.mark.long
 def test_a_comparison_is_that_of_the_command(files, tmp_path):
     command("fit", "robot.yaml", "data.csv", "--compare", "zeros", "--folds", 4, "--json", "result.json")
     result = json.loads((files / "result.json").read_text())

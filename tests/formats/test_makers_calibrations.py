@@ -238,6 +238,7 @@ def test_abbs_angles_of_motors_are_named_and_not_read(folder, capsys):
     assert "cal_offset (rob1_1 3.1234, rob1_2 0.5) are angles of the motors" in said
 
 
+@pytest.mark.long
 def test_a_fit_says_whose_geometry_nominal_is(folder, capsys):
     (folder / "calibration.conf").write_text(UR3_CONF)
     robot = converted("calibration.conf", "ur3")

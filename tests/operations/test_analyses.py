@@ -40,6 +40,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_fit_gives_model_report_urdf_and_the_verdict_of_the_command_line(fitted: Path) -> None:
     state = analyses.state_of(fitted)
     report = json.loads((fitted / "fit.json").read_text())
@@ -142,6 +143,7 @@ def test_a_program_is_compensated_with_its_deviations_and_the_original_is_kept(w
     assert analyses.programs(with_model) == (found,)
 
 
+@pytest.mark.long
 def test_another_robot_is_doubted_with_figures_before_the_fit(tmp_path: Path) -> None:
     folder, record = analyses.new_analysis(tmp_path, "Ada", "positions.csv")
     shutil.copy(INPUTS / "positions.csv", folder / record.data)

@@ -22,6 +22,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.commissioning import CommissionedCell, Confirmation, commission
+from drivers import commissioning_motions
 from drivers.kuka_rsi.robot import commissioning as kuka_steps
 from tests.helpers.runs import SELFCAL, cell_with
 
@@ -118,6 +119,7 @@ def test_a_simulated_twin_with_the_record_has_the_delays_and_habits_that_were_me
     assert figures(second, "probe.trip")["bounces"] == 4
 
 
+@pytest.mark.long
 def test_a_step_that_fails_ends_the_call_and_the_next_call_goes_on_there(tmp_path):
     cell = cell_with(tmp_path, "  rsi: {t1: refused}\n")
     done = commissioned(cell, motion=False)
@@ -136,7 +138,7 @@ def test_a_step_that_fails_ends_the_call_and_the_next_call_goes_on_there(tmp_pat
 
 
 def test_a_limit_that_is_passed_fails_the_step(tmp_path, monkeypatch):
-    monkeypatch.setattr(kuka_steps, "_ASTRAY_DEG", -1.0)
+    monkeypatch.setattr(commissioning_motions, "_ASTRAY_DEG", -1.0)
     done = commissioned(cell_with(tmp_path))
     tenth = done.record.step("robot.tenth")
     assert (tenth.state, done.error) == ("failed", None)
@@ -150,6 +152,7 @@ def test_a_motion_that_nobody_confirms_is_not_begun(tmp_path):
     assert states(done.record)["robot.stop"] == "due"
 
 
+@pytest.mark.long
 def test_a_probe_that_shows_no_contact_fails_with_what_to_look_at(tmp_path):
     cell = cell_with(tmp_path, "  faults:\n    - {fault: probe.no_contact}\n")
     done = commissioned(cell, motion=False)
@@ -159,6 +162,7 @@ def test_a_probe_that_shows_no_contact_fails_with_what_to_look_at(tmp_path):
     assert "torch lead" in trip.cure
 
 
+@pytest.mark.long
 def test_a_changed_limit_makes_the_steps_of_its_device_due_again_and_another_device_those_it_answers_in(tmp_path):
     cell = cell_with(tmp_path)
     commissioned(cell, motion=False)
@@ -190,6 +194,7 @@ def warned(cell: Path) -> list[str]:
     return [problem.what for problem in commissioning_warnings(Cell.load(cell, drivers), drivers)]
 
 
+@pytest.mark.long
 def test_a_real_cell_without_a_record_is_warned_of_and_a_simulated_record_is_none(tmp_path):
     commissioned(cell_with(tmp_path), motion=False)
     assert warned(tmp_path / "cell.yaml") == []
@@ -199,6 +204,7 @@ def test_a_real_cell_without_a_record_is_warned_of_and_a_simulated_record_is_non
     assert what in [problem.what for problem in load_campaign(SELFCAL, cell, []).cell.warnings], "check and run show it"
 
 
+@pytest.mark.long
 def test_an_interrupted_motion_is_stopped_and_the_record_says_so(tmp_path):
     cell = cell_with(tmp_path)
     drivers = DriverRegistry()

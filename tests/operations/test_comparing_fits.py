@@ -28,6 +28,7 @@ def compared(folder, *words):
     return code, json.loads(out.read_text())
 
 
+@pytest.mark.long
 def test_each_model_has_the_figures_of_its_own_fit(files):
     code, found = compared(files, "--compare", "registration", "--compare", "geometry+idw", "--folds", 4)
     assert code == 0

@@ -150,6 +150,7 @@ def test_compensated_targets(doors: Doors, tmp_path: Path) -> None:
     assert (tmp_path / "by_python.csv").read_bytes() == (tmp_path / "by_command.csv").read_bytes()
 
 
+@pytest.mark.long
 def test_a_compensated_program(doors: Doors, tmp_path: Path) -> None:
     """Command line, Python and API: the same files, the same figures."""
     place, given = doors.runs / RUNS[0], tmp_path / "given"
@@ -176,6 +177,7 @@ def test_a_compensated_program(doors: Doors, tmp_path: Path) -> None:
         assert answer.content == content
 
 
+@pytest.mark.long
 def test_the_check_of_a_procedure(doors: Doors) -> None:
     by_command = doors.by_command("check", "sphere_selfcal", "--cell", "tracker_cell")["mistakes"]
     asked = {"procedure": "sphere_selfcal", "cell": "tracker_cell"}
@@ -216,6 +218,7 @@ def test_the_library_of_robots(doors: Doors) -> None:
     assert [(robot.name, robot.n) for robot in found] == [(each["robot"], each["joints"]) for each in by_api]
 
 
+@pytest.mark.long
 def test_a_fit(doors: Doors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, record = analyses.new_analysis(doors.runs, "Ada", "positions.csv")
     for place in (folder, tmp_path):

@@ -21,6 +21,7 @@ def test_every_operation_of_the_table_exists(operation):
     assert callable(getattr(importlib.import_module(module), name))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("settings", [(), ("touches_fit=25",), ("touches_fit=3", "no_such=1")])
 def test_a_check_in_another_process_finds_what_one_here_finds(settings):
     assert asyncio.run(check(SELFCAL, CELL, settings)) == checked(SELFCAL, CELL, settings)

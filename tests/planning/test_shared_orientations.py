@@ -49,6 +49,7 @@ def test_the_plan_begins_and_ends_at_home_and_is_the_same_each_time() -> None:
     assert touches == planned(4, 3)
 
 
+@pytest.mark.long
 def test_a_sphere_out_of_reach_is_named() -> None:
     far = [SphereTarget("S1", (2950.0, 0.0, 250.0), 31.3)]
     with pytest.raises(OutOfReach, match="only 0 of 4 tool orientations reach 3 touches each on sphere S1"):

@@ -65,6 +65,7 @@ def after(begun: tuple[TouchCampaign, Any], monkeypatch: pytest.MonkeyPatch) -> 
     return decide
 
 
+@pytest.mark.long
 def test_the_plan_has_the_first_touches_and_half_of_the_held_out_ones(begun) -> None:
     _, plan = begun
     sets = [touch.set for touch in plan.touches]
@@ -106,6 +107,7 @@ def test_it_ends_and_states_why(after, begun, inputs: dict[str, Any], ended: str
     assert len(begun[0].context.recorded(BatchRow)) == 1
 
 
+@pytest.mark.long
 def test_held_out_touches_and_pauses_take_no_part_in_the_decision(after, begun) -> None:
     _, row = after()
     rows, last = begun[0].context.rows, begun[0].context.rows[-2].number

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+import pytest
 
 from cellctl.files import load_yaml
 from cellctl.formats import RobotFile, postures_of
@@ -27,6 +28,7 @@ def planned(choice: str) -> list[PosePlan]:
     return [pose for each in planned_rounds(context(), inputs, None) for pose in each.poses]
 
 
+@pytest.mark.long
 def test_the_best_poses_can_be_measured_and_the_held_out_ones_are_within_their_joints() -> None:
     poses = planned("optimal")
     assert Counter(pose.kind for pose in poses) == {"fit": 24, "test": 10}

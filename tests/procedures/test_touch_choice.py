@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from cellctl.calibration.prediction.predict import sigma_over_region
 from cellctl.files import load_yaml
@@ -43,6 +44,7 @@ def predicted_mm(touches: list[TouchPlan]) -> float:
     return sigma_over_region(model, after[:count, :count], q.min(axis=0), q.max(axis=0))
 
 
+@pytest.mark.long
 def test_blocks_of_the_best_touches_are_drawn_at_random_with_held_out_ones_among_them(tmp_path: Path) -> None:
     """So that a drift is not the error of a place: each sphere, and held-out touches, in both halves."""
     touches = [touch for touch in plans(tmp_path, "optimal") if touch.set != "reference"]
@@ -55,6 +57,7 @@ def test_blocks_of_the_best_touches_are_drawn_at_random_with_held_out_ones_among
     assert references == [10, 21, 32], "after each ten"
 
 
+@pytest.mark.long
 def test_what_is_said_of_few_touches_is_that_none_is_checked() -> None:
     context = Context(robot_file=ROBOT_FILE, cell=load_yaml(CELL))
     context.seed = 1  # type: ignore[attr-defined]

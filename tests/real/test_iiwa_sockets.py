@@ -69,6 +69,7 @@ def test_auto_is_no_worse_at_any_place(folder, geometry):
         assert auto["by"][place]["test"]["mean"] <= geometry["by"][place]["test"]["mean"]
 
 
+@pytest.mark.long
 def test_without_the_spacing_the_robot_does_not_shrink_into_its_sockets(folder):
     result = left_out_in_turn(folder, "--model", "geometry")
     assert 0.1 < result["test"]["mean"] < 0.3

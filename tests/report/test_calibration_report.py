@@ -55,6 +55,7 @@ def budget_of(text):
     return {name: (error, position) for name, error, position in rows}
 
 
+@pytest.mark.long
 def test_the_page_is_called_a_calibration_report_and_not_a_certificate(stated_text):
     text = stated_text
     assert "<h1>Calibration report</h1>" in text
@@ -68,6 +69,7 @@ def test_what_the_cell_file_states_is_on_the_page(stated_text):
     assert "artefact 3 spheres, diameter 61.4 mm B-17 2026-01-15 C-1203" in text
 
 
+@pytest.mark.long
 def test_what_a_run_does_not_have_is_not_stated_or_not_recorded(make_run, campaign):
     text = summary(report_text(make_run(campaign)))
     for words in ("customer not stated", "limit of an error not stated", "air pressure not recorded"):
@@ -142,11 +144,13 @@ def test_the_guard_band_of_the_decision_is_the_expanded_uncertainty(stated, grea
     assert Decision.of(loaded, 0.2, budget).word == word
 
 
+@pytest.mark.long
 def test_a_run_that_did_not_finish_is_not_accepted(make_run, campaign):
     run = Run.load(make_run(campaign, ended="failed", reason="probe: lost")).with_facts({"limit_mm": 99.0})
     assert "No decision. The run has no measured error after calibration." in summary(render(run))
 
 
+@pytest.mark.long
 def test_options_of_the_command_replace_what_the_cell_file_states(stated, tmp_path):
     out = tmp_path / "report.html"
     words = ["report", str(stated), "-o", str(out), "--customer", "Beta", "--limit", "9.5", "--operator", "Kai"]

@@ -64,6 +64,7 @@ def headings(text: str) -> list[str]:
     return re.findall(r"<h2>(.*?)</h2>", text)
 
 
+@pytest.mark.long
 def test_every_kind_of_rows_has_the_whole_page_and_nothing_is_fetched(story):
     text = fit_page(story)
     checked(text)
@@ -71,6 +72,7 @@ def test_every_kind_of_rows_has_the_whole_page_and_nothing_is_fetched(story):
     assert len(text) < 1_500_000
 
 
+@pytest.mark.long
 def test_the_same_fit_gives_the_same_bytes():
     story = told(measured(positions(40)))
     assert fit_page(story) == fit_page(story)
@@ -93,16 +95,19 @@ def test_three_thousand_rows_stay_light_and_say_that_not_all_are_drawn():
     assert "Rows are gathered in cells" in checked(text).text
 
 
+@pytest.mark.long
 def test_without_held_out_rows_it_says_that_nothing_is_proved():
     page = checked(fit_page(told(measured(positions(30)), held_out=0)))
     assert "No row was held out: nothing on this page is proved" in page.text
 
 
+@pytest.mark.long
 def test_with_folds_it_says_whose_residuals_are_drawn():
     page = checked(fit_page(told(measured(positions(40)), split=Split.folds(40, 4, 0))))
     assert "Each of 4 parts" in page.text
 
 
+@pytest.mark.long
 def test_rows_that_were_not_used_are_there_by_line_and_their_text_is_text():
     story = told(measured(positions(40)), rejected=[{"line": 77, "reason": "A1 is <b>x</b>"}])
     text = fit_page(story)

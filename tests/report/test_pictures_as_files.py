@@ -25,6 +25,7 @@ def pictures(run):
     return report_pictures(run)
 
 
+@pytest.mark.long
 def test_every_picture_of_the_page_is_there_in_its_order_with_what_it_shows(run, pictures):
     on_page = re.findall(r'<svg role="img" aria-label="([^"]*)"', report_text(run))
     assert len(on_page) > 5
@@ -32,6 +33,7 @@ def test_every_picture_of_the_page_is_there_in_its_order_with_what_it_shows(run,
     assert len({picture.name for picture in pictures}) == len(pictures)
 
 
+@pytest.mark.long
 def test_a_file_draws_what_the_page_draws(run, pictures):
     text = report_text(run)
     for picture in pictures:
@@ -48,12 +50,14 @@ def test_the_png_is_as_wide_as_the_page_at_200_dots_per_inch(pictures):
         assert int.from_bytes(picture.png[16:20], "big") == 1440
 
 
+@pytest.mark.long
 def test_the_same_run_gives_the_same_files_and_the_page_stays_as_it_is(run):
     before = report_text(run)
     assert export_run(run, Form.FIGURES).content == export_run(run, Form.FIGURES).content
     assert report_text(run) == before
 
 
+@pytest.mark.long
 def test_the_command_writes_them_into_one_zip_with_a_list(run, pictures, tmp_path):
     out = tmp_path / "figures.zip"
     words = ["export", str(run), "--as", "figures", "-o", str(out)]

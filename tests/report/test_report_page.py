@@ -83,6 +83,7 @@ def plain_html(make_run_once, campaign):
     return report_text(make_run_once(campaign))
 
 
+@pytest.mark.long
 def test_the_page_is_one_whole_that_fetches_nothing_and_runs_nothing(full_html):
     text, page = full_html, Page(full_html)
     assert page.fetched == []
@@ -127,6 +128,7 @@ def test_stored_rows_come_back_from_the_journal_as_they_were(make_run, campaign)
     assert canonical_json(found.data()) == canonical_json(campaign.rows[1].data())
 
 
+@pytest.mark.long
 def test_the_identification_is_drawn_from_what_the_run_stored_alone(make_run, campaign, plain_html):
     run = make_run(campaign)
     (run / "dataset.csv").unlink()
@@ -137,6 +139,7 @@ def test_the_identification_is_drawn_from_what_the_run_stored_alone(make_run, ca
     assert page.partition(first)[2].partition(last)[0] == whole.partition(first)[2].partition(last)[0]
 
 
+@pytest.mark.long
 def test_a_run_and_a_fit_show_the_same_identification(plain_html, campaign):
     """Every heading, picture and table of `fit --report` is in the run's report, letter for letter."""
     of_fit = fit_page(campaign.story).partition("<h2>Set-up")[2].partition("<h2>What each")[0]
@@ -154,6 +157,7 @@ def test_a_run_without_stored_residuals_says_so(make_run, campaign):
     assert campaign.verdict["sentence"] in text
 
 
+@pytest.mark.long
 def test_a_data_set_that_was_changed_after_the_run_is_noticed(make_run, campaign):
     run = make_run(campaign)
     lines = (run / "dataset.csv").read_text().splitlines()
@@ -164,11 +168,13 @@ def test_a_data_set_that_was_changed_after_the_run_is_noticed(make_run, campaign
     assert "dataset.csv is not the file that the model was made from" in Page(report_text(run)).text
 
 
+@pytest.mark.long
 def test_a_data_set_with_another_hash_than_the_model_was_made_from_is_named(make_run, campaign):
     model = campaign.model.model_copy(update={"provenance": {"data_sha256": "0" * 64}})
     assert "dataset.csv is not the file" in report_text(make_run(replace(campaign, model=model)))
 
 
+@pytest.mark.long
 def test_simulated_devices_are_named_in_big_letters_and_real_ones_are_not(plain_html, make_run, campaign):
     assert '<p class="simulated">SIMULATED</p>' in plain_html
     assert "SIMULATED" not in report_text(make_run(campaign, real=True))
@@ -193,6 +199,7 @@ def test_the_stand_off_proof_compares_found_with_predicted(full_html):
     assert "found 0.046 mm RMS where 0.050 mm was predicted (ratio 0.93); 100 % lie within 2 σ" in text
 
 
+@pytest.mark.long
 def test_what_the_model_predicted_of_a_stand_off_error_is_not_held_against_its_sigma(make_run, campaign):
     rows = standoff_rows([1.0, 1.0], [0.5, 0.6], sigma=0.1, expected=0.5)
     rows[0][1]["expected_mm"], rows[1][1]["expected_mm"] = 1.03, 0.96
@@ -201,6 +208,7 @@ def test_what_the_model_predicted_of_a_stand_off_error_is_not_held_against_its_s
     assert "predicted each error of the nominal robot to 0.035 mm RMS" in text
 
 
+@pytest.mark.long
 def test_held_out_touches_outside_the_region_of_the_fit_are_counted(make_run, campaign):
     turned = sorted(row["joints"][0] for row in campaign.touches if row["set"] == "test")
     all_but_the_last = (turned[-1] + turned[-2]) / 2 - REGION_MARGIN_DEG
@@ -223,6 +231,7 @@ def test_reference_touches_drift_and_table_are_shown_where_they_are_recorded(ful
         assert f"<h2>{heading}</h2>" not in plain_html
 
 
+@pytest.mark.long
 def test_a_table_file_that_is_not_the_table_that_was_pushed_is_named(make_run, campaign):
     rows = [("table", TableStateRow("ab" * 32, 1, True, True, True, 0.1).data())]
     run = make_run(campaign, rows=rows, table={"id": "cd" * 32, "rows": []})
@@ -283,6 +292,7 @@ def test_a_run_that_is_still_written_is_called_running(tmp_path):
         assert "This run is still running" in Page(report_text(tmp_path / "run")).text
 
 
+@pytest.mark.long
 def test_a_damaged_model_or_table_is_named_and_the_rest_is_shown(make_run, campaign):
     run = make_run(campaign, rows=standoff_rows([1.0], [0.1]))
     (run / "model.json").write_text('{"format": "cellctl model 1"}')

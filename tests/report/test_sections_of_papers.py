@@ -56,6 +56,7 @@ def test_convergence_begins_at_the_nominal_robot_and_ends_at_the_identified_one(
     assert converged.fit_mean[-1] < 0.1 * converged.fit_mean[0]
 
 
+@pytest.mark.long
 def test_the_section_of_one_sphere_has_our_figures_beside_the_published_ones(make_run, campaign, converged):
     text = report_text(make_run(campaign, rows=[(converged.KIND, converged.data())]))
     section = Page(text.partition('<section id="sphere-convergence">')[2].partition("</section>")[0]).text
@@ -65,10 +66,12 @@ def test_the_section_of_one_sphere_has_our_figures_beside_the_published_ones(mak
     assert f"{len(converged.fit_mean) - 1} iterations" in section
 
 
+@pytest.mark.long
 def test_without_its_row_a_run_has_no_such_section(make_run, campaign):
     assert 'id="sphere-convergence"' not in report_text(make_run(campaign))
 
 
+@pytest.mark.long
 def test_the_section_of_batches_has_the_curve_and_what_became_of_the_goal(make_run, campaign):
     one = BatchRow(
         noun="touches",
@@ -115,6 +118,7 @@ def test_a_method_that_does_not_exist_is_refused_with_the_known_one():
         CompareMethodsInputs(methods=("newton-rapson",), table=None)
 
 
+@pytest.mark.long
 def test_the_section_of_methods_has_the_times_of_the_journal_and_the_published_means(make_run, campaign, compared):
     times = ComputingTimesRow(what=METHODS, seconds=(8e-4, 16e-4, 24e-4, 32e-4), repeats=15)
     rows = [(row.KIND, row.data()) for row in (compared[0], times)]

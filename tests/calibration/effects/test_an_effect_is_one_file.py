@@ -71,6 +71,7 @@ def test_a_model_file_holds_it_and_predicts_with_it(found, tmp_path, capsys):
     assert "the tool is taken to be at 20 °C" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_report_has_its_title_its_labels_and_its_unit(found, tmp_path):
     measured, split, result = found
     page = tmp_path / "page.html"

@@ -70,6 +70,7 @@ def test_yes_does_not_confirm_the_motion_of_a_real_robot(keyboard, monkeypatch):
     assert confirmed(MOVES, yes=True, simulated=True) == Confirmation("operator", "--yes")
 
 
+@pytest.mark.long
 def test_without_a_terminal_and_without_yes_nothing_is_opened(tmp_path):
     done = cellctl("doctor", cell_with(tmp_path), "--commission")
     assert done.returncode == 2
@@ -77,10 +78,12 @@ def test_without_a_terminal_and_without_yes_nothing_is_opened(tmp_path):
     assert not (tmp_path / "commissioning.json").exists()
 
 
+@pytest.mark.long
 def test_options_of_a_commissioning_are_refused_without_it(tmp_path):
     assert cellctl("doctor", CELL, "--yes").returncode == 2
 
 
+@pytest.mark.long
 def test_a_page_of_a_cell_without_a_record_is_refused(tmp_path):
     done = cellctl("doctor", cell_with(tmp_path), "--page", tmp_path / "page.html")
     assert done.returncode == 2
@@ -98,6 +101,7 @@ def test_the_page_shows_figures_limits_and_names_and_escapes_texts():
     assert "SIMULATED" in commissioning_page(CellRecord("cell 3", simulated=True))
 
 
+@pytest.mark.long
 def test_a_step_whose_device_fails_ends_with_its_code_and_the_record_has_the_reason(tmp_path):
     cell = cell_with(tmp_path, "  rsi: {t1: refused}\n")
     done = cellctl("doctor", cell, "--commission", "--yes", "--no-motion", "--json", tmp_path / "done.json")

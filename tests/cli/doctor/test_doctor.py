@@ -20,6 +20,7 @@ def examined(folder: Path, cell: Path):
     return done.returncode, {device["name"]: device for device in devices}, done
 
 
+@pytest.mark.long
 def test_a_healthy_cell_has_a_row_for_each_device_and_nothing_moves(tmp_path):
     moved = faults("fault: plc.clamp, event: robot.move", "fault: plc.clamp, event: robot.search")
     code, devices, done = examined(tmp_path, cell_with(tmp_path, moved, PLC))
@@ -36,6 +37,7 @@ def test_a_healthy_cell_has_a_row_for_each_device_and_nothing_moves(tmp_path):
     assert devices["plc"]["clock"] is None
 
 
+@pytest.mark.long
 def test_a_device_that_fails_is_named_with_its_cure_and_the_others_are_examined(tmp_path):
     code, devices, done = examined(tmp_path, cell_with(tmp_path, faults("fault: plc.gone"), PLC))
     assert code == 3
@@ -46,6 +48,7 @@ def test_a_device_that_fails_is_named_with_its_cure_and_the_others_are_examined(
     assert len(done.stderr.splitlines()) == 2, "the library's own log is not shown"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "device", "words"),
     [
@@ -61,6 +64,7 @@ def test_a_device_that_answers_and_reports_a_fault_is_not_healthy(tmp_path, faul
     assert words in done.stderr
 
 
+@pytest.mark.long
 def test_every_device_of_a_real_cell_that_does_not_answer_is_named(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]
@@ -76,6 +80,7 @@ def test_every_device_of_a_real_cell_that_does_not_answer_is_named(tmp_path):
     assert "cellctl: probe: /dev/no-such-port cannot be opened" in done.stderr
 
 
+@pytest.mark.long
 def test_a_cell_file_with_errors_is_refused_before_anything_is_opened(tmp_path):
     cell = cell_with(tmp_path, "", {"contact+serial://": "contact+cereal://"})
     done = cellctl("doctor", cell)

@@ -388,6 +388,7 @@ def test_two_results_do_not_go_to_one_file(cellctl, files):
     assert not (files / "x").exists()
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_with_2_and_leaves_no_half_file(files):
     """The limit on a file's size stands in for the disk: writing the model fails in its middle."""
 

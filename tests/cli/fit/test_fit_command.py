@@ -233,6 +233,7 @@ def test_predicted_points_among_themselves_are_surer_than_in_a_frame_that_nobody
     assert {row["sigma_among"] for row in csv.DictReader((files / "tcp.csv").open())} == {""}
 
 
+@pytest.mark.long
 def test_a_page_is_written_where_it_is_asked_for(cellctl, files):
     result = fitted(cellctl, files, "--report", "fit.html")
     page = (files / "fit.html").read_text(encoding="utf-8")

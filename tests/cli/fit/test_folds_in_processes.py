@@ -24,6 +24,7 @@ def alone(cellctl, files):
     return result(cellctl, files, "--processes", "1")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("processes", [2, 8])
 def test_the_result_is_that_of_one_process(cellctl, files, alone, monkeypatch, processes):
     taken = []

@@ -196,6 +196,7 @@ def grown(rng, count=60):
     return {**columns, "temperature": celsius}
 
 
+@pytest.mark.long
 def test_thermal_expansion_is_identified_and_predicted_at_each_rows_temperature(fitted, cellctl, tmp_path, capsys):
     text = csv_text(grown(np.random.default_rng(7)))
     plain = fitted(text, "--model", "geometry")

@@ -28,6 +28,7 @@ def predicted(model, tmp_path, text):
     return done
 
 
+@pytest.mark.long
 def test_a_prediction_without_currents_says_what_is_missing(model, tmp_path):
     without = predicted(model, tmp_path, f"{JOINTS}\n{POSTURE}\n")
     assert "1 of 1 rows without I1…I6: predicted without flexibility by motor current" in without.stderr

@@ -61,6 +61,7 @@ def joined(parts, **further):
     return csv_text(columns | {name: [value] * len(columns["A1"]) for name, value in further.items()})
 
 
+@pytest.mark.long
 def test_three_planes_identify_a_robot_from_its_data_set_and_are_in_model_and_page(cellctl, tmp_path, capsys):
     (tmp_path / "data.csv").write_text(joined(on_planes(np.random.default_rng(4))))
     (tmp_path / "planes.yaml").write_text(ARTEFACT)

@@ -67,6 +67,7 @@ def prior(folder):
     return TypePriorFile.load(folder / "prior.json")
 
 
+@pytest.mark.long
 def test_a_prior_names_type_robots_and_inputs_and_has_nothing_of_base_and_tool(prior, folder):
     assert prior.robot.name == "elbow arm"
     assert [robot.serial for robot in prior.robots] == [f"SN{robot}" for robot in range(ROBOTS)]

@@ -108,6 +108,7 @@ def test_a_model_predicts_the_tool_along_the_rail(cellctl, railed, tmp_path):
     assert away.mean() < 0.1
 
 
+@pytest.mark.long
 def test_a_rails_report_has_mm_beside_degrees(cellctl, railed, tmp_path):
     words = ("rail.yaml", "rail_0.csv", "--column", "set", "--model", "geometry", "--report", "report.html")
     assert cellctl("fit", *words) in (0, 1)

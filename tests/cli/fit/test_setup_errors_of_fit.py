@@ -42,6 +42,7 @@ def test_a_sound_set_up_is_let_through(files):
     assert problems(files, data="touches.csv", artefact="artefact.yaml") == []
 
 
+@pytest.mark.long
 def test_a_reversed_joint_is_reported_at_its_line_in_the_robot_file(files):
     text = (files / "robot.yaml").read_text()
     joint = "  - {min: -180, max: 180, max_speed: 100}\n"
@@ -84,6 +85,7 @@ def test_a_key_that_is_not_there_yet_is_reported_at_its_joint(files):
     assert "sign: -1 for joint 3" in problem.cure
 
 
+@pytest.mark.long
 def test_a_length_that_no_such_robot_has_is_refused_with_the_length_that_the_rows_need(files):
     text = (files / "robot.yaml").read_text()
     (files / "robot.yaml").write_text(text.replace("a: 500", "a: 312"))
@@ -94,6 +96,7 @@ def test_a_length_that_no_such_robot_has_is_refused_with_the_length_that_the_row
     assert problem.cure.startswith("give the file of the robot that was measured (`cellctl robots` lists the library)")
 
 
+@pytest.mark.long
 def test_lengths_known_only_roughly_are_let_through_once_the_file_states_so(files):
     text = (files / "robot.yaml").read_text().replace("a: 500", "a: 475")
     (files / "robot.yaml").write_text(text)

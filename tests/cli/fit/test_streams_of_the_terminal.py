@@ -37,6 +37,7 @@ def model(cellctl, files, capsys):
     return files / "model.json"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("terms", "code"), [("geometry", 0), ("registration", 1)])
 def test_who_reads_only_the_head_gets_the_verdicts_code_and_every_file(run, files, terms, code):
     reader, writer = os.pipe()
@@ -68,6 +69,7 @@ def test_closed_streams_end_nothing_and_no_words_get_into_the_files(run, files, 
     assert run("predict", str(model), "missing.csv", **closed).returncode == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_a_terminal_without_greek_letters_ends_nothing_and_files_to_stdout_are_utf8(run, files, encoding):
     (files / "robot.yaml").write_text((files / "robot.yaml").read_text().replace("elbow arm", "Ärmchen σ"))

@@ -77,6 +77,7 @@ def test_between_the_loads_it_predicts_within_its_sigma(model, world, tmp_path):
     assert np.mean(unloaded) > 0.1  # what ignoring the load would cost
 
 
+@pytest.mark.long
 def test_with_fewer_loaded_rows_what_a_load_does_is_less_certain(model, world, request, tmp_path):
     """10 loaded rows instead of 80: about √8 times the σ, less what the prior knows."""
     few = rows(world, [0.0], 150, NOISE) + rows(world, [6.0], 10, NOISE)
@@ -124,6 +125,7 @@ def test_a_fit_of_loads_with_two_centres_of_gravity_is_refused(world, request, t
     assert "data set of its own" in error
 
 
+@pytest.mark.long
 def test_a_loaded_row_without_its_centre_is_rejected_where_others_have_it(world, request, tmp_path, capsys):
     data = write(tmp_path / "rows.csv", rows(world, [0.0, 6.0], 60, NOISE))
     lines = data.read_text().splitlines()

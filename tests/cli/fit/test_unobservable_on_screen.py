@@ -50,6 +50,7 @@ def test_a_still_joint_is_the_first_line_and_what_harms_nothing_the_last(told):
     }
 
 
+@pytest.mark.long
 def test_however_much_is_not_seen_the_screen_has_six_lines_of_it_at_most(told):
     readings = np.tile([20.0, -40.0, -60.0], (30, 1))
     readings[:, 2] += np.linspace(-5.0, 5.0, 30)

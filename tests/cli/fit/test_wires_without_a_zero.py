@@ -54,6 +54,7 @@ def two_wires(rng, arm=ARM):
     return lengths(rng, 40, "left", "W1", arm), lengths(rng, 40, "right", "W2", arm)
 
 
+@pytest.mark.long
 def test_each_wires_zero_is_found_and_stands_in_model_and_page(fitted, tmp_path):
     rng = np.random.default_rng(1)
     text = joined(*two_wires(rng))

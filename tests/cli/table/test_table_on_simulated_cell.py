@@ -71,6 +71,7 @@ def cell(made, tmp_path):
     return Cell(folder, made.serial)
 
 
+@pytest.mark.long
 def test_a_pushed_table_outlives_the_command_and_the_one_before_comes_back_by_rollback(cell):
     assert cell.serial.startswith("SIM-")
     assert cell.table("verify", cell.second) == 0

@@ -370,6 +370,7 @@ def test_rsi_is_switched_on_as_the_address_says_and_each_file_names_it(
     assert f"RSI_ON(#{hello['Correction']},#{hello['Cycle']})" == rsi_on
 
 
+@pytest.mark.long
 def test_an_error_in_the_configuration_is_named_and_nothing_written(tmp_path: Path) -> None:
     cell = tmp_path / "cell.yaml"
     text = CELL.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
@@ -381,6 +382,7 @@ def test_an_error_in_the_configuration_is_named_and_nothing_written(tmp_path: Pa
     assert not (tmp_path / "krc").exists()
 
 
+@pytest.mark.long
 def test_the_files_are_ascii_with_the_line_ends_of_windows(tmp_path: Path) -> None:
     done = cellctl("krl", CELL, "-o", tmp_path / "krc")
     assert done.returncode == 0, done.stderr

@@ -71,6 +71,7 @@ def test_a_study_file_with_an_error_is_refused(tmp_path, wrong, right, said):
         study_of(tmp_path, FITS.replace(wrong, right))
 
 
+@pytest.mark.long
 def test_rows_are_in_order_and_computed_once_and_another_study_or_code_is_refused(tmp_path, monkeypatch):
     study, folder = study_of(tmp_path), tmp_path / "studies" / "fits"
     first = run_study(study, tmp_path / "studies", here, silent)

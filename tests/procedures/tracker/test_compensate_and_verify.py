@@ -293,6 +293,7 @@ def test_an_unknown_method_is_refused_before_the_run_with_the_nearest_one() -> N
         check_method(CellFiles(load_yaml(CELL), ROBOT, 1), {"method": "newton-rapson"})
 
 
+@pytest.mark.long
 def test_the_report_states_the_air_and_the_instruments_common_error_in_its_budget(own: FakeRun) -> None:
     page = write_report(own.folder).read_text()
     setup, points = own.journal.recorded(SetUpRow)[-1], [row.point for row in own.journal.recorded(PoseRow)]

@@ -65,6 +65,7 @@ def decided(context: Context, **inputs: Any) -> tuple[BatchRow, list[Round]]:
     return context.recorded(BatchRow)[-1], found.rounds
 
 
+@pytest.mark.long
 def test_it_stops_at_its_goal_and_the_robot_is_better(stopped: FakeRun) -> None:
     assert stopped.outcome.state is State.FINISHED, stopped.outcome.error
     curve = stopped.journal.recorded(BatchRow)
@@ -137,6 +138,7 @@ def test_limits_count_postures_though_some_are_measured_from_both_sides(stopped:
     assert known.forecast.each == pytest.approx(23 / 20)
 
 
+@pytest.mark.long
 def test_a_goal_that_is_not_reached_is_no_success(tmp_path: Path) -> None:
     run = run_fake(PROCEDURE, tmp_path, FEW | {"goal": 0.001, "poses_most": 24, "poses_test": 12})
     assert [row.ended for row in run.journal.recorded(BatchRow)] == ["", "rows"]

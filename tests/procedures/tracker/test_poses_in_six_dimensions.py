@@ -22,6 +22,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> FakeRun:
     return run_fake(PROCEDURE, tmp_path_factory.mktemp("poses"), FEW)
 
 
+@pytest.mark.long
 def test_the_identified_robot_is_better_in_position_and_in_attitude(ended: FakeRun) -> None:
     assert ended.outcome.state is State.FINISHED, ended.outcome.error
     verdict, six = ended.journal.last(TrackerVerdict), ended.journal.last(SixRow)
@@ -48,6 +49,7 @@ def test_r_ii_falls_from_pivot_to_pivot(ended: FakeRun) -> None:
     assert len(six.r) == len(six.parameters) > 24
 
 
+@pytest.mark.long
 def test_a_nest_measured_twice_is_measured_again_and_for_good_ends_the_run(tmp_path: Path) -> None:
     once = run_fake(PROCEDURE, tmp_path / "once", FEW, faults=Faults(twice={42}))
     assert once.outcome.state is State.FINISHED, once.outcome.error

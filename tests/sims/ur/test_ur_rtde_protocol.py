@@ -144,6 +144,16 @@ def test_the_probe_s_wire_is_at_its_input(bench):
     assert seen[-1] == 1 << 9
 
 
+def test_somebody_who_touches_the_tip_closes_the_input_for_300_ms(bench):
+    begun = bench(probe_input=9)
+    begun.controller.requests["by_hand"]({"action": "touch"})
+    assert begun.controller.digital_in() == 1 << 9
+    begun.let_pass(0.29)
+    assert begun.controller.digital_in() == 1 << 9
+    begun.let_pass(0.02)
+    assert begun.controller.digital_in() == 0
+
+
 def test_a_client_that_does_not_read_loses_packages_and_is_not_hung_up_on(bench):
     begun = bench()
     client = begun.rtde()
