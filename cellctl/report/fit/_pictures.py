@@ -79,8 +79,8 @@ def thinned(sizes: Floats, most: int) -> Any:
 
 
 def axis_label(joint: str) -> str:
-    """A joint's name with the unit of its reading; a prismatic joint's name has it already (`FitStory.joints`)."""
-    return joint if joint.endswith("(mm)") else f"{joint}, °"
+    """A joint's name with the unit of its reading, as `A1, mm`; `FitStory.joints` has that of prismatic joints."""
+    return joint.replace(" (mm)", ", mm") if joint.endswith("(mm)") else f"{joint}, °"
 
 
 def joint_pictures(rows: Residuals, joints: Sequence[str]) -> list[str]:
