@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import heapq
 import itertools
 import os
@@ -194,13 +193,9 @@ class Kernel:
 
     def run(self) -> None:
         """Run until `stop`. What an action raises ends the run."""
-        gc.disable()  # between turns, `_do_chores` collects
         turn = self._lockstep_turn if self.mode == "lockstep" else self._realtime_turn
-        try:
-            while self._running:
-                turn()
-        finally:
-            gc.enable()
+        while self._running:
+            turn()
 
     def stop(self) -> None:
         """End `run` after the present action. Safe from any thread and from a signal handler."""
@@ -327,8 +322,6 @@ class Kernel:
         if wall < self._chores_at:
             return
         self._chores_at = wall + _CHORES_NS
-        if not gc.isenabled():  # in `run`
-            gc.collect()
         for chore in self._chores:
             chore()
 

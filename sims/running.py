@@ -203,6 +203,8 @@ def run_cell(path: Path, settings: Settings) -> None:
         _tell(json.dumps(running.ready), settings.ready)
         gc.collect()
         gc.freeze()  # what is there now stays to the end: the collector need not look at it
+        gc.disable()  # a collection in the middle of a cycle would make it late
+        running.kernel.every_half_second(gc.collect)
         running.run()
 
 
