@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
-from pathlib import Path
 from typing import TypeAlias, TypeVar, final
 
-from cellctl.files.spans import ENCODING, Span, replaced
+from cellctl.files.spans import FileInPlace, Span
 from cellctl.krl._expressions import Expression, calls, references
 from cellctl.krl._grammar import statements
 from cellctl.krl._points import FrameData, Point, points_of, variable_of, with_data
@@ -36,33 +35,20 @@ _FUNCTIONS_OF_VALUES = ("INV_POS", "ABS", "SQRT", "SIN", "COS", "ACOS", "TAN", "
 
 @final
 @dataclass(frozen=True)
-class KrlFile:
+class KrlFile(FileInPlace):
     """A `.src`, `.dat` or `.sub` file. Any bytes can be read; lines that are not understood are `Unknown` statements.
 
-    name: for messages. data: the file, unchanged; spans count its bytes. Example:
+    Example:
 
         file = KrlFile.parse(Path("part.dat").read_bytes(), "part.dat")
         place = file.point("XP1").numbers["X"].span
         changed = file.replaced({place: "1000.25"})
     """
 
-    name: str
-    data: bytes
-
     @classmethod
     def parse(cls, data: bytes, name: str) -> KrlFile:
         """The file with these bytes. Raises nothing."""
         return cls(name, data)
-
-    @classmethod
-    def load(cls, path: Path) -> KrlFile:
-        """Read a file. Raises OSError."""
-        return cls(str(path), path.read_bytes())
-
-    @cached_property
-    def text(self) -> str:
-        """The bytes as Latin-1: one character for each."""
-        return self.data.decode(ENCODING)
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
@@ -138,17 +124,6 @@ class KrlFile:
             for variable in () if in_data else _changed_by(statement, inputs):
                 found[variable].append(statement)
         return dict(found)
-
-    def source(self, span: Span) -> str:
-        """The text at a place."""
-        return self.text[span.start : span.end]
-
-    def replaced(self, values: Mapping[Span, str]) -> bytes:
-        """The file with new text at these places; every other byte stays. An empty span inserts.
-
-        Raises ValueError where two places overlap, one is outside the file, or a text is not Latin-1.
-        """
-        return replaced(self.data, values, self.name)
 
     def line_span(self, line: int) -> Span:
         """Place of a line (from 1), without its end."""

@@ -6,31 +6,17 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Self, final
+from typing import final
 
-from cellctl.files.spans import ENCODING, Span, replaced
+from cellctl.files.spans import FileInPlace, Span
 from cellctl.urscript._grammar import Assignment, Branches, Function, Loop, Statement, Unknown, statements
 from cellctl.urscript.expressions import Expression
 
 
 @final
 @dataclass(frozen=True)
-class ScriptFile:
-    """A `.script` file. name: for messages. data: the file, unchanged; spans count its bytes."""
-
-    name: str
-    data: bytes
-
-    @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read a file. Raises OSError."""
-        return cls(str(path), path.read_bytes())
-
-    @cached_property
-    def text(self) -> str:
-        """The bytes as Latin-1: one character for each."""
-        return self.data.decode(ENCODING)
+class ScriptFile(FileInPlace):
+    """A `.script` file."""
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
@@ -65,14 +51,6 @@ class ScriptFile:
     def line_of(self, span: Span) -> int:
         """The line (from 1) in which a place begins."""
         return self.text.count("\n", 0, span.start) + 1
-
-    def source(self, span: Span) -> str:
-        """The text at a place."""
-        return self.text[span.start : span.end]
-
-    def replaced(self, values: Mapping[Span, str]) -> bytes:
-        """The file with new text at these places (`cellctl.files.spans.replaced`)."""
-        return replaced(self.data, values, self.name)
 
 
 def every(body: Sequence[Statement]) -> Iterator[Statement]:
