@@ -78,9 +78,15 @@ def thinned(sizes: Floats, most: int) -> Any:
     return np.sort(np.concatenate([largest, evenly]))
 
 
+def name_and_unit(joint: str) -> tuple[str, str]:
+    """Of an element of `FitStory.joints`, which has the unit of prismatic joints only: A1, mm; A2, °."""
+    name, prismatic, _ = joint.partition(" (mm)")
+    return name, "mm" if prismatic else "°"
+
+
 def axis_label(joint: str) -> str:
-    """A joint's name with the unit of its reading, as `A1, mm`; `FitStory.joints` has that of prismatic joints."""
-    return joint.replace(" (mm)", ", mm") if joint.endswith("(mm)") else f"{joint}, °"
+    """A joint's name with the unit of its reading, as `A1, mm`."""
+    return ", ".join(name_and_unit(joint))
 
 
 def joint_pictures(rows: Residuals, joints: Sequence[str]) -> list[str]:

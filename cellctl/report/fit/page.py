@@ -154,15 +154,17 @@ def region(rows: Residuals, found: IdentificationRow) -> Section | None:
         return None
     readings = rows.readings[rows.fitted]
     curves = [(np.array(at), np.array(sigma)) for at, sigma in found.along_joint]
-    names = [name.removesuffix(" (mm)") for name in found.joints]
-    units = [" mm" if name.endswith("(mm)") else "°" for name in found.joints]
-    ends = zip(names, readings.min(axis=0).tolist(), readings.max(axis=0).tolist(), units, strict=True)
+    named = map(pictures.name_and_unit, found.joints)
+    lows, highs = readings.min(axis=0).tolist(), readings.max(axis=0).tolist()
+    ends = [
+        (name, low, high, unit.replace("mm", " mm")) for (name, unit), low, high in zip(named, lows, highs, strict=True)
+    ]
     return {
         "figures": {
             name: (significant(rms), significant(found.sigma_max_mm[name])) for name, rms in found.sigma_rms_mm.items()
         },
         "pictures": pictures.region_pictures(curves, readings, found.joints),
-        "region": list(ends),
+        "region": ends,
         "bound": found.distribution_free,
     }
 
