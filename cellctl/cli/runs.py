@@ -13,7 +13,7 @@ from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.installed import first_procedure
-from cellctl.journal import RunState, fold, journal_in, read_journal, run_place
+from cellctl.journal import JournalCheck, RunState, check_journal, fold, journal_in, read_journal, run_place
 from cellctl.operations import export as exports
 from cellctl.operations.comparing_models import ModelDifference, ParameterChange
 from cellctl.operations.comparing_runs import ComparedFigure, RunComparison, compare_runs
@@ -63,12 +63,15 @@ def show(
     run: arguments.Run,
     folder: arguments.Runs = Path("runs"),
     events: Annotated[bool, typer.Option(help="Show every event.")] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Compare each event with its digest: was the journal changed since?")
+    ] = False,
     against: Annotated[
         Path | None, typer.Option(help="Another run: show both side by side, with the difference of their models.")
     ] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Show one run: devices, steps, verdict; or compare it with another.
+    """Show one run: devices, steps, verdict; or compare it with another. Exit code 1: --verify found a change.
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
@@ -80,14 +83,27 @@ def show(
     entries = list(read_journal(place))
     state = fold(entries)
     summary = run_summary(place, state)
-    write_json(as_json(summary), json_)
-    if json_ == "-":
-        return
-    for line in _run_lines(summary, state):
-        typer.echo(line)
-    if events:
-        for entry in entries:
+    check = check_journal(place) if verify else None
+    write_json(as_json(summary) | ({"journal": as_json(check)} if check else {}), json_)
+    if json_ != "-":
+        for line in (*_run_lines(summary, state), *_check_lines(check)):
+            typer.echo(line)
+        for entry in entries if events else ():
             typer.echo(f"{entry.seq:6d} {entry.time_ns * 1e-9:12.3f} s  {entry.event}")
+    raise typer.Exit(1 if check and check.changed else 0)
+
+
+def _check_lines(check: JournalCheck | None) -> Iterator[str]:
+    if check is None:
+        return
+    if check.without == check.events:
+        yield "  journal    has no digests (an older cellctl wrote it): whether it was changed is not known"
+    elif not check.changed:
+        yield f"  journal    {check.events} events as they were written; digest of the last: {check.digest or 'none'}"
+        if check.without:
+            yield f"             the last {check.without} of them have no digest (an older cellctl wrote them)"
+    else:
+        yield f"  journal    changed after the run: {'; '.join(check.changed)}"
 
 
 def _compare(a: Path, b: Path, json_: str | None) -> None:
@@ -268,6 +284,7 @@ def _write(found: Replay, out: Path) -> None:
 def _replay_lines(found: Replay) -> list[str]:
     lines = [f"{found.run}: {len(found.steps)} computing steps, computed again from the journal"]
     lines += [f"  changed since the run: {text}" for text in found.changed]
+    lines += [f"  the journal was changed after the run: {text}" for text in found.edited]
     width = max((len(name) for name in (*(a.name for a in found.artefacts), *(s.step for s in found.steps))), default=0)
     lines += [line for each in found.artefacts for line in _artefact_lines(each, width)]
     lines += [line for each in found.steps for line in _step_lines(each, width)]

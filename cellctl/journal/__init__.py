@@ -1,5 +1,6 @@
 """The only record of a run: an append-only journal, committed event by event, and its folded state."""
 
+from cellctl.journal._digests import JournalCheck, check_journal
 from cellctl.journal._reader import (
     ReadableJournal,
     is_being_written,
@@ -41,6 +42,7 @@ __all__ = [
     "Event",
     "InterlockChanged",
     "Journal",
+    "JournalCheck",
     "JournalError",
     "KnownEvent",
     "OperatorAction",
@@ -63,6 +65,7 @@ __all__ = [
     "StepStarted",
     "StepState",
     "Writer",
+    "check_journal",
     "fold",
     "is_being_written",
     "journal_in",

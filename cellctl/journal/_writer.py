@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self, final
 
 from cellctl.files import write_atomically
+from cellctl.journal._digests import ADD_COLUMN, digest_of, has_digests, last_event
 from cellctl.journal._reader import refuse_foreign
 from cellctl.journal.events import Entry, KnownEvent, encode
 from cellctl.journal.journal_file import CREATE, FILE_NAME, INSERT, LOCK_NAME, JournalError, WriterLock, named_errors
@@ -30,6 +31,10 @@ class Journal:
         self._connection = connection
         self._lock = lock
         self._now_ns = now_ns
+        with named_errors(path):
+            if not has_digests(connection):
+                connection.execute(ADD_COLUMN)
+            self._seq, self._digest = last_event(connection)
 
     @classmethod
     def create(cls, run_folder: Path, now_ns: Callable[[], int]) -> Self:
@@ -71,10 +76,12 @@ class Journal:
         Raises JournalError (the event is not kept, all earlier ones are), ValueError for values outside JSON.
         """
         kind, step, attempt, data = encode(event)
-        time_ns = self._now_ns()
+        row = (self._seq + 1, self._now_ns(), kind, step, attempt, data)
+        digest = digest_of(row, self._digest)
         with named_errors(self.path):
-            cursor = self._connection.execute(INSERT, (time_ns, kind, step, attempt, data))
-        return Entry(cursor.lastrowid or 0, time_ns, event)
+            self._connection.execute(INSERT, (*row, digest))
+        self._seq, self._digest = row[0], digest
+        return Entry(row[0], row[1], event)
 
     def close(self) -> None:
         """Merge the write-ahead log into the file, so that a finished run is one file; close it. Never raises.

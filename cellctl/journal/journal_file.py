@@ -38,7 +38,8 @@ CREATE TABLE events (
   kind TEXT NOT NULL,
   step TEXT NOT NULL,
   attempt INTEGER NOT NULL,
-  data TEXT NOT NULL CHECK (json_valid(data))
+  data TEXT NOT NULL CHECK (json_valid(data)),
+  digest TEXT
 ) STRICT;
 CREATE TRIGGER events_are_not_changed BEFORE UPDATE ON events BEGIN SELECT RAISE(ABORT, 'the journal only grows'); END;
 CREATE TRIGGER events_are_not_removed BEFORE DELETE ON events BEGIN SELECT RAISE(ABORT, 'the journal only grows'); END;
@@ -46,7 +47,7 @@ PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {VERSION};
 """
 
-INSERT: Final = "INSERT INTO events (time_ns, kind, step, attempt, data) VALUES (?, ?, ?, ?, ?)"
+INSERT: Final = "INSERT INTO events (seq, time_ns, kind, step, attempt, data, digest) VALUES (?, ?, ?, ?, ?, ?, ?)"
 
 SELECT: Final = "SELECT seq, time_ns, kind, step, attempt, data FROM events WHERE seq > ? ORDER BY seq"
 

@@ -12,7 +12,7 @@ from cellctl.devices.cell import ReportFacts
 from cellctl.files import Document, InputError, parse_yaml, sha256_of
 from cellctl.files.validated import validated
 from cellctl.formats import Artefact, DataSet, ModelFile, artefact_of
-from cellctl.journal import RunState, fold, is_being_written, journal_in, read_journal
+from cellctl.journal import JournalCheck, RunState, check_journal, fold, is_being_written, journal_in, read_journal
 from cellctl.records import VerdictRow
 
 Found = TypeVar("Found")
@@ -24,8 +24,8 @@ class Run:
     """The data of a run.
 
     cell, artefact: from the cell's text in the journal. table: the table file's content. hashes: SHA-256 of the files
-    beside the journal. verdict: the last; None if the run has none. facts: the cell file's `report:`. complaints:
-    unreadable and inconsistent files, as text.
+    beside the journal. verdict: the last; None if the run has none. facts: the cell file's `report:`. journal: what its
+    digests say. complaints: unreadable and inconsistent files, changes of the journal, as text.
     """
 
     folder: Path
@@ -39,6 +39,7 @@ class Run:
     hashes: Mapping[str, str]
     verdict: VerdictRow | None
     facts: ReportFacts
+    journal: JournalCheck
     complaints: tuple[str, ...]
 
     @classmethod
@@ -63,9 +64,11 @@ class Run:
             hashes=_hashes(folder),
             verdict=_tried(lambda: state.last(VerdictRow), complaints),
             facts=_tried(lambda: _facts(cell), complaints) or ReportFacts(),
+            journal=check_journal(place),
             complaints=(),
         )
-        return replace(run, complaints=(*complaints, *_mismatches(run)))
+        changed = (f"the journal was changed after the run: {text}" for text in run.journal.changed)
+        return replace(run, complaints=(*changed, *complaints, *_mismatches(run)))
 
     def with_facts(self, facts: Mapping[str, Any]) -> Self:
         """The run with these fields of its `facts` replaced."""

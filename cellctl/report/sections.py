@@ -255,7 +255,7 @@ def _run_facts(run: Run) -> list[tuple[str, str]]:
         ("clock", started.clock),
         ("seed", str(started.seed)),
         ("resumed", f"{state.resumed} times" if state.resumed else "never"),
-        ("journal", f"{state.last_seq} events"),
+        ("journal", f"{run.journal.events} events, digest of the last: {run.journal.digest or 'none'}"),
     ]
 
 

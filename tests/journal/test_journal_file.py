@@ -34,10 +34,11 @@ from cellctl.journal import (
     StepEnded,
     StepFailure,
     StepStarted,
+    check_journal,
     is_being_written,
     read_journal,
 )
-from tests.helpers.runs import child
+from tests.helpers.runs import child, edited
 
 EVERY_KIND = [
     RunStarted(
@@ -329,6 +330,64 @@ def test_events_can_be_neither_changed_nor_removed(journal):
         with pytest.raises(sqlite3.IntegrityError, match="only grows"):
             by_hand(journal, statement)
     assert events(journal.path) == [Said("one")]
+
+
+def begun(journal, texts="abcde"):
+    for text in texts:
+        journal.append(Said(text))
+    journal.close()
+
+
+def test_an_untouched_journal_is_as_it_was_written_and_its_last_digest_stands_for_all_of_it(journal, now_ns, tmp_path):
+    begun(journal)
+    check = check_journal(journal.path)
+    assert (check.events, check.without, check.changed) == (5, 0, ())
+    with Journal.create(tmp_path / "other", now_ns) as other:
+        begun(other, "abcdf")
+    assert len(check.digest) == 64
+    assert check_journal(other.path).digest != check.digest
+
+
+@pytest.mark.parametrize(
+    ("column", "found"),
+    [
+        ('data = \'{"text": "C"}\'', "event 3 is not as it was written"),
+        ("time_ns = time_ns + 1", "event 3 is not as it was written"),
+        ("step = 's'", "event 3 is not as it was written"),
+        ("digest = 'x'", "events 3 to 4 are not as they were written"),
+    ],
+)
+def test_one_changed_digit_is_found_at_its_event(journal, column, found):
+    begun(journal)
+    edited(journal.path, f"UPDATE events SET {column} WHERE seq = 3")
+    assert check_journal(journal.path).changed == (found,)
+
+
+def test_removed_events_are_named(journal):
+    begun(journal)
+    edited(journal.path, "DELETE FROM events WHERE seq IN (2, 3)")
+    assert check_journal(journal.path).changed == ("events 2 to 3 are missing", "event 4 is not as it was written")
+
+
+def test_a_resumed_journal_continues_the_chain_and_a_change_before_is_still_found(journal, now_ns):
+    begun(journal)
+    edited(journal.path, "UPDATE events SET time_ns = 5 WHERE seq = 2")
+    with Journal.reopen(journal.path.parent, now_ns) as again:
+        again.append(Said("more"))
+    check = check_journal(journal.path)
+    assert (check.events, check.changed) == (6, ("event 2 is not as it was written",))
+
+
+def test_a_journal_of_before_digests_is_read_resumed_and_protected_from_then_on(journal, now_ns):
+    begun(journal)
+    edited(journal.path, "ALTER TABLE events DROP COLUMN digest")
+    check = check_journal(journal.path)
+    assert (check.events, check.without, check.digest, check.changed) == (5, 5, "", ())
+    with Journal.reopen(journal.path.parent, now_ns) as again:
+        again.append(Said("more"))
+    assert (check_journal(journal.path).without, check_journal(journal.path).changed) == (0, ())
+    edited(journal.path, "UPDATE events SET time_ns = 5 WHERE seq = 2")
+    assert check_journal(journal.path).changed == ("events 1 to 6 are not as they were written",)
 
 
 APPENDING = """

@@ -11,10 +11,20 @@ from typing import Any
 
 import pytest
 
+from cellctl.cli.verbs import app
 from cellctl.clock import WallClock
 from cellctl.engine import Engine, Mailbox, Plan, Surround
 from cellctl.files import InputError, load_yaml, sha256_of
-from cellctl.journal import Journal, JournalError, Recorded, RunStarted, RunState, SourceFile, read_journal
+from cellctl.journal import (
+    Journal,
+    JournalError,
+    Recorded,
+    RunStarted,
+    RunState,
+    SourceFile,
+    check_journal,
+    read_journal,
+)
 from cellctl.operations.launch import code_hash, sources, versions
 from cellctl.operations.replay import Agreement, FolderFile, Replay, replay_run
 from cellctl.operations.replay._run import same_within_tolerance
@@ -29,7 +39,9 @@ from cellctl.procedure import (
     step,
 )
 from cellctl.records import ComputingTimesRow, Row
+from cellctl.report import report_text
 from tests.helpers.engine import FakeDevice
+from tests.helpers.runs import edited
 
 CALLS: list[str] = []
 EXTRA: dict[str, Any] = {"text": "", "value": 0}  # what the steps add to what they compute, to make a replay differ
@@ -234,6 +246,25 @@ def test_a_file_that_was_edited_after_the_run_is_named_with_its_first_byte_and_t
     assert copied.first.line == 2
     assert (copied.first.before, copied.first.now) == ("'-9'", "'-1'")
     assert copied.why == ("the file in the run folder was changed after the run",)
+
+
+def test_a_changed_digit_of_a_measurement_is_noticed_by_replay_report_and_show(tmp_path, capsys):
+    folder = run(tmp_path)
+    digest = check_journal(folder).digest
+    assert digest in report_text(folder)
+    show = ["show", str(folder), "--verify"]
+    assert app(show, standalone_mode=False) == 0
+    assert digest in capsys.readouterr().out
+    reading = next(
+        e.seq for e in read_journal(folder) if isinstance(e.event, Recorded) and e.event.row_kind == "reading"
+    )
+    edited(folder / "journal.sqlite", f"UPDATE events SET data = replace(data, '0', '1') WHERE seq = {reading}")
+    said = f"event {reading} is not as it was written"
+    found = replayed(folder)
+    assert (found.edited, found.agreement) == ((said,), Agreement.DIFFERENT)
+    assert f"the journal was changed after the run: {said}" in report_text(folder)
+    assert app(show, standalone_mode=False) == 1
+    assert f"changed after the run: {said}" in capsys.readouterr().out
 
 
 def test_other_bytes_are_named_with_their_place_and_a_step_that_nothing_explains(tmp_path):

@@ -154,6 +154,8 @@ class _Replay:
         state_word("bad" if found.agreement is Agreement.DIFFERENT else "good", found.agreement, large=True)
         for text in found.changed:
             ui.label(f"Changed since the run: {text}").classes("note")
+        for text in found.edited:
+            ui.label(f"The journal was changed after the run: {text}").classes("note")
         rows = [_artefact(each) for each in found.artefacts]
         rows += [[each.step, each.agreement, "; ".join((*each.differences[:3], *each.why))] for each in found.steps]
         figures(words("File or step", "Outcome", "Difference and reason"), rows, label="Replay")

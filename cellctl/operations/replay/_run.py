@@ -21,7 +21,7 @@ from typing import Annotated, Any, Final, Self, final
 from pydantic import Field, computed_field
 
 from cellctl.files import InputError, Problem, canonical_json, sha256_of
-from cellctl.journal import Entry, RunResumed, RunStarted, fold, journal_in, read_journal
+from cellctl.journal import Entry, RunResumed, RunStarted, check_journal, fold, journal_in, read_journal
 from cellctl.operations.launch import changed_sources, code_hash, versions
 from cellctl.operations.replay._recompute import Attempt, Recomputed, recomputed, sources_of
 from cellctl.procedure import StepRegistry
@@ -266,7 +266,8 @@ class StepReplay:
 class Replay:
     """The result of a replay. agreement: the least of all repeated results and files; equal: it is exact.
 
-    changed: differences from the run in versions, computer and code. contents: name → content of the files that the
+    changed: differences from the run in versions, computer and code; edited: events of the journal that are not as they
+    were written, as text: then the agreement is DIFFERENT. contents: name → content of the files that the
     replay made, the latest of each name; not in its JSON.
     """
 
@@ -275,6 +276,7 @@ class Replay:
     agreement: Agreement
     tolerance: str
     changed: tuple[str, ...]
+    edited: tuple[str, ...]
     artefacts: tuple[ArtefactReplay, ...]
     steps: tuple[StepReplay, ...]
     contents: Annotated[Mapping[str, bytes], Field(exclude=True)] = field(default_factory=dict)
@@ -296,10 +298,14 @@ def replay_run(run: Path, tell: Callable[[str], None] = lambda _: None, registry
         steps = asyncio.run(recomputed(entries, sources, registry or StepRegistry.installed(), tell))
     changed = tuple(_changed(entries))
     compared, files = _compared(steps, changed, journal_in(run).parent)
+    edited = check_journal(run).changed
     found = {*(step.agreement for step in compared), *(file.agreement for file in files)}
+    found |= {Agreement.DIFFERENT} if edited else set()
     agreement = next((worst for worst in reversed(Agreement) if worst in found), Agreement.EXACT)
     contents = {name: content for step in steps for name, content in step.now.contents.items()}
-    return Replay(state.name, agreement is Agreement.EXACT, agreement, TOLERANCE, changed, files, compared, contents)
+    return Replay(
+        state.name, agreement is Agreement.EXACT, agreement, TOLERANCE, changed, edited, files, compared, contents
+    )
 
 
 def _compared(
