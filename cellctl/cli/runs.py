@@ -64,14 +64,17 @@ def show(
     folder: arguments.Runs = Path("runs"),
     events: Annotated[bool, typer.Option(help="Show every event.")] = False,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Compare each event with its digest: was the journal changed since?")
+        bool,
+        typer.Option(
+            "--verify", help="Compare each event with its digest: was the journal changed since? Exit code 1: it was."
+        ),
     ] = False,
     against: Annotated[
         Path | None, typer.Option(help="Another run: show both side by side, with the difference of their models.")
     ] = None,
     json_: arguments.Json = None,
 ) -> None:
-    """Show one run: devices, steps, verdict; or compare it with another. Exit code 1: --verify found a change.
+    """Show one run: devices, steps, verdict; or compare it with another.
 
     Example: cellctl show sphere_selfcal-20261121T192433Z --events
     """
