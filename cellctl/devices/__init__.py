@@ -40,6 +40,7 @@ from cellctl.devices._protocols import (
     acts,
     observes,
 )
+from cellctl.devices.cell import online_correction_deg, table_correction_deg
 from cellctl.devices.errors import (
     DeviceBusy,
     DeviceError,
@@ -57,6 +58,7 @@ from cellctl.devices.errors import (
 )
 from cellctl.devices.host_tables import HostTables, HostTableStore
 from cellctl.devices.tables import (
+    ASK_WHICH_TABLE,
     CompensatedRobot,
     ControllerTable,
     TableInfo,
@@ -64,9 +66,15 @@ from cellctl.devices.tables import (
     TableRow,
     TableState,
     TableStore,
+    lost_before_activation,
+    lost_in_activation,
+    refuse_correction,
+    refuse_corrections,
+    refuse_rows,
 )
 
 __all__ = [
+    "ASK_WHICH_TABLE",
     "TABLE_CORRECTION_DEG",
     "Address",
     "ArmRows",
@@ -139,6 +147,13 @@ __all__ = [
     "acts",
     "host_places",
     "impossible_host",
+    "lost_before_activation",
+    "lost_in_activation",
     "observes",
+    "online_correction_deg",
     "path_places",
+    "refuse_correction",
+    "refuse_corrections",
+    "refuse_rows",
+    "table_correction_deg",
 ]

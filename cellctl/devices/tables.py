@@ -95,7 +95,7 @@ class CompensatedRobot(SearchingRobot, TableStore, Protocol):
     """A robot that searches for contact, and whose controller moves it to the rows of a compensation table."""
 
 
-LOOK = "Connect again and ask which table is active (cellctl table show) before anything relies on one."
+ASK_WHICH_TABLE = "Connect again and ask which table is active (cellctl table show) before anything relies on one."
 """The cure where it is not known which table is active."""
 
 
@@ -134,4 +134,4 @@ def lost_in_activation(device: str, uncertain: str) -> Iterator[None]:
     try:
         yield
     except DeviceLost as lost:
-        raise DeviceUncertain(device, f"{lost.what}; uncertain {uncertain}", LOOK) from lost
+        raise DeviceUncertain(device, f"{lost.what}; uncertain {uncertain}", ASK_WHICH_TABLE) from lost

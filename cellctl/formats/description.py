@@ -119,7 +119,7 @@ def in_poe(robot: RobotFile) -> RobotFile:
     return RobotFile.from_document(parse_yaml(text, f"{robot.name} as poe"))
 
 
-def number(value: float, decimals: int) -> str:
+def plain_number(value: float, decimals: int) -> str:
     """A number as a person would write it: no trailing `.0`, no `-0`, no exponent, which YAML 1.1 reads as text."""
     rounded = round(value, decimals) + 0.0
     text = f"{rounded:.{decimals}f}" if "e" in repr(rounded) else repr(rounded)
@@ -128,18 +128,18 @@ def number(value: float, decimals: int) -> str:
 
 def mm(value: float) -> str:
     """A length in mm."""
-    return number(value, DECIMALS_MM)
+    return plain_number(value, DECIMALS_MM)
 
 
 def degrees(radians: float) -> str:
     """An angle in degrees, from radians."""
-    return number(math.degrees(radians), DECIMALS_DEG)
+    return plain_number(math.degrees(radians), DECIMALS_DEG)
 
 
 def frame_words(matrix: Floats) -> str:
     """A pose (4, 4) as `xyz: […], abc: […]`."""
     xyz = ", ".join(mm(value) for value in matrix[:3, 3].tolist())
-    abc = ", ".join(number(value, DECIMALS_DEG) for value in abc_from_rotation(matrix[:3, :3]).tolist())
+    abc = ", ".join(plain_number(value, DECIMALS_DEG) for value in abc_from_rotation(matrix[:3, :3]).tolist())
     return f"xyz: [{xyz}], abc: [{abc}]"
 
 
@@ -161,7 +161,7 @@ def _missing(robot: RobotDescription, source: str) -> list[Problem]:
 
 def _lines(robot: RobotDescription, convention: Convention) -> list[str]:
     chain = _in(robot.chain, convention)
-    mass = f", mass: {number(robot.tool_mass, 9)}" if robot.tool_mass else ""
+    mass = f", mass: {plain_number(robot.tool_mass, 9)}" if robot.tool_mass else ""
     return [
         f"name: {json.dumps(_printable(robot.name), ensure_ascii=False)}",
         f"convention: {convention}",
@@ -171,7 +171,7 @@ def _lines(robot: RobotDescription, convention: Convention) -> list[str]:
         *_mounting_lines(robot),
         f"base: {{{frame_words(chain.base)}}}",
         f"tool: {{{frame_words(chain.tool)}{mass}}}",
-        f"repeatability: {number(robot.repeatability or 0.0, 9)}",
+        f"repeatability: {plain_number(robot.repeatability or 0.0, 9)}",
         *_tolerance_lines(robot.tolerances),
         *_calibration_lines(robot.calibration),
     ]
@@ -206,7 +206,7 @@ def _link_words(row: Link) -> str:
 
 
 def _vector(values: Floats, decimals: int) -> str:
-    return ", ".join(number(value, decimals) for value in values.tolist())
+    return ", ".join(plain_number(value, decimals) for value in values.tolist())
 
 
 def _joint_words(joint: JointSaid) -> str:
@@ -218,19 +218,19 @@ def _joint_words(joint: JointSaid) -> str:
         ("max_speed", joint.max_speed),
     ]
     kind = "type: prismatic, " if joint.prismatic else ""
-    return kind + ", ".join(f"{name}: {number(float(value or 0.0), DECIMALS_DEG)}" for name, value in values)
+    return kind + ", ".join(f"{name}: {plain_number(float(value or 0.0), DECIMALS_DEG)}" for name, value in values)
 
 
 def _mounting_lines(robot: RobotDescription) -> list[str]:
     if not isinstance(robot.mounting, Tilt):
         return [f"mounting: {robot.mounting}"] if robot.mounting != "floor" else []
-    return [f"mounting: {{tilt: [{', '.join(number(angle, DECIMALS_DEG) for angle in robot.mounting.tilt)}]}}"]
+    return [f"mounting: {{tilt: [{', '.join(plain_number(angle, DECIMALS_DEG) for angle in robot.mounting.tilt)}]}}"]
 
 
 def _tolerance_lines(tolerances: StatedTolerances | None) -> list[str]:
     if tolerances is None:
         return []
-    said = [f"{name}: {number(value, 9)}" for name, value in tolerances.model_dump().items() if value is not None]
+    said = [f"{name}: {plain_number(value, 9)}" for name, value in tolerances.model_dump().items() if value is not None]
     return [f"tolerances: {{{', '.join(said)}}}"]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cellctl.files import InputError, Problem
 from cellctl.files.kinds import read_bytes
-from cellctl.formats.description import DECIMALS_MM, JointSaid, RobotDescription, number
+from cellctl.formats.description import DECIMALS_MM, JointSaid, RobotDescription, plain_number
 from cellctl.kinematics import Floats, JointAxis, SerialChain, abc_from_rotation, inverse_pose, pose_from_xyz_abc
 
 LARGEST_BYTES = 20_000_000
@@ -410,8 +410,8 @@ def _moves(joint: JointSaid) -> tuple[str, ...]:
 
 
 def _metres(value_mm: float) -> str:
-    return number(float(number(value_mm, DECIMALS_MM)) / 1000.0, DECIMALS_MM + 3)
+    return plain_number(float(plain_number(value_mm, DECIMALS_MM)) / 1000.0, DECIMALS_MM + 3)
 
 
 def _radians(degrees: float) -> str:
-    return number(math.radians(degrees), DECIMALS_RAD)
+    return plain_number(math.radians(degrees), DECIMALS_RAD)

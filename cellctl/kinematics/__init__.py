@@ -17,6 +17,7 @@ from cellctl.kinematics._frames import (
 from cellctl.kinematics.controller_readings import JointMap, JointUnit
 from cellctl.kinematics.geometry import AxisTable, JointAxis, Link, LinkTable, TableConvention
 from cellctl.kinematics.inverse import InverseResult, inverse, inverse_from_all, nearest_turn
+from cellctl.kinematics.low_discrepancy import spread_over
 
 __all__ = [
     "CONVENTIONS",
@@ -45,6 +46,7 @@ __all__ = [
     "rotation_from_quaternion",
     "rotation_vector",
     "settled",
+    "spread_over",
     "to_craig",
     "to_mdh",
     "to_poe",

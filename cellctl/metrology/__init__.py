@@ -12,6 +12,7 @@ from cellctl.metrology.axis_frames import (
     station,
 )
 from cellctl.metrology.daily_check import (
+    RIGID_AND_SCALE,
     CheckLimits,
     ControlChart,
     DailyBaseline,
@@ -19,10 +20,12 @@ from cellctl.metrology.daily_check import (
     Signal,
     control_chart,
     daily_check,
+    deviations,
+    in_one_frame,
     rigid_and_scale,
 )
-from cellctl.metrology.error_figures import FloorRatio, expected_floor, floor_ratio
-from cellctl.metrology.four_point import FoundTool, tool_at_point
+from cellctl.metrology.error_figures import ErrorIntervals, FloorRatio, error_directions, expected_floor, floor_ratio
+from cellctl.metrology.four_point import FoundTool, tips, tool_at_point, tool_by_touches, touch_residuals
 from cellctl.metrology.instrument_checks import (
     ConstantError,
     InsensitiveDistances,
@@ -47,9 +50,10 @@ from cellctl.metrology.measured_pose import (
     rigid_transform,
 )
 from cellctl.metrology.monuments import Growth, NestLoose, StationMotion, StationState, robot_growth, station_motion
-from cellctl.metrology.nests import NestMeasuredTwice, NestPlate, NestsDoNotFit, NestsSwapped, plate_pose
+from cellctl.metrology.nests import NestMeasuredTwice, NestPlate, NestsDoNotFit, NestsSwapped, check_nests, plate_pose
 
 __all__ = [
+    "RIGID_AND_SCALE",
     "AxisFrames",
     "CheckLimits",
     "Circle",
@@ -57,6 +61,7 @@ __all__ = [
     "ControlChart",
     "DailyBaseline",
     "DailyVerdict",
+    "ErrorIntervals",
     "FloorRatio",
     "FoundTool",
     "Gravity",
@@ -83,14 +88,18 @@ __all__ = [
     "TwoFaceCheck",
     "TwoFaceLimits",
     "axis_frames",
+    "check_nests",
     "constant_error",
     "control_chart",
     "cube_points",
     "daily_check",
+    "deviations",
+    "error_directions",
     "expected_floor",
     "fit_circle",
     "floor_ratio",
     "gravity_in_base",
+    "in_one_frame",
     "nees",
     "nees_range",
     "performance",
@@ -102,6 +111,9 @@ __all__ = [
     "settling",
     "station",
     "station_motion",
+    "tips",
     "tool_at_point",
+    "tool_by_touches",
+    "touch_residuals",
     "two_face_check",
 ]

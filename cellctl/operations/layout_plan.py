@@ -8,13 +8,13 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration.prediction.predict import POINTS
+from cellctl.calibration.prediction.predict import REGION_POINTS
 from cellctl.files import Document, InputError, load_yaml
 from cellctl.formats import RobotFile, artefact_of, measurements, postures_of
 from cellctl.formats.artefact import Artefact, Distance
 from cellctl.formats.cell_sections import floor_of, reflectors_of, station_of
 from cellctl.formats.design_problem import DesignProblem, candidate_rows, design_problem
-from cellctl.formats.measurements.columns import SIGMAS
+from cellctl.formats.measurements.columns import SIGMA_COLUMNS
 from cellctl.kinematics import Floats
 from cellctl.kinematics.low_discrepancy import evenly, spread_over
 from cellctl.planning import OutOfReach, Plate, PoseOptions, Reach, RobotPostures, Sight, SphereTarget
@@ -323,14 +323,14 @@ def _of_positions(
     points = seen.chain().forward(seen.joint_map().model(readings))[:, :3, 3]
     instrument = _SIGMA_MM + _SIGMA_PER_MM * np.linalg.norm(points - place, axis=1)
     sigma = np.hypot(instrument, robot.repeatability / np.sqrt(3.0)).tolist()
-    columns = dict(zip("XYZ", points.T.tolist(), strict=True)) | dict.fromkeys(SIGMAS, sigma)
+    columns = dict(zip("XYZ", points.T.tolist(), strict=True)) | dict.fromkeys(SIGMA_COLUMNS, sigma)
     task = measurements(seen, candidate_rows(readings, columns), model="geometry").task
     return _best_error(design_problem(task), seen, asked, rows)
 
 
 def _best_error(problem: DesignProblem, robot: RobotFile, asked: Floats, rows: int) -> float:
     low, high = robot.joint_map().model(asked)
-    places = problem.places(spread_over(np.minimum(low, high), np.maximum(low, high), POINTS, scramble=False))
+    places = problem.places(spread_over(np.minimum(low, high), np.maximum(low, high), REGION_POINTS, scramble=False))
     return chosen_rows(problem.covariance, problem.candidates, places, rows).sigma_mm
 
 

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.calibration import Task
-from cellctl.calibration.prediction.predict import POINTS
+from cellctl.calibration.prediction.predict import REGION_POINTS
 from cellctl.compensation.postures import stated_posture
 from cellctl.files import InputError, Problem
 from cellctl.formats import DataSet, ModelFile, RobotFile, from_prior, measurements
 from cellctl.formats.design_problem import candidate_rows, design_problem
-from cellctl.formats.measurements.columns import SIGMAS
+from cellctl.formats.measurements.columns import SIGMA_COLUMNS
 from cellctl.formats.targets import read_targets
 from cellctl.kinematics import Floats, abc_from_rotation
-from cellctl.planning.design import RISE, Criterion, chosen_rows
+from cellctl.planning.design import CHECKED_RISE, Criterion, chosen_rows
 
 
 @final
@@ -61,7 +61,7 @@ class DesignFigures:
     @property
     def checkable(self) -> bool:
         """Whether every row is checked by the others."""
-        return self.without_one_percent <= 100.0 * RISE
+        return self.without_one_percent <= 100.0 * CHECKED_RISE
 
 
 @final
@@ -78,7 +78,7 @@ class OptimalChoice:
         """Indices (count,) of the best of candidate readings (M, n), deg. Raises InputError."""
         problem = design_problem(self._task(readings))
         places = readings if self._targets is None else self._targets
-        some = places[np.unique(np.linspace(0, len(places) - 1, POINTS).astype(int))]
+        some = places[np.unique(np.linspace(0, len(places) - 1, REGION_POINTS).astype(int))]
         asked = problem.places(self._robot.joint_map().model(some))
         found = chosen_rows(
             problem.covariance,
@@ -87,7 +87,7 @@ class OptimalChoice:
             count,
             self._aim.criterion,
             core=problem.core,
-            most_rise=RISE,
+            most_rise=CHECKED_RISE,
         )
         self.figures = DesignFigures(
             criterion=self._aim.criterion,
@@ -110,7 +110,7 @@ class OptimalChoice:
         poses = robot.chain().forward(robot.joint_map().model(readings))
         sigma = float(np.hypot(self._aim.sigma_mm, robot.repeatability / np.sqrt(3.0)))
         columns = dict(zip("XYZ", poses[:, :3, 3].T.tolist(), strict=True))
-        columns |= dict.fromkeys(SIGMAS, [sigma] * len(readings))
+        columns |= dict.fromkeys(SIGMA_COLUMNS, [sigma] * len(readings))
         if self._aim.poses:
             columns |= dict(zip("ABC", abc_from_rotation(poses[:, :3, :3]).T.tolist(), strict=True))
         data = candidate_rows(readings, columns)

@@ -15,7 +15,7 @@ from cellctl.pendant_import._points import Point, PointList, Raw, RawList, Value
 from cellctl.pendant_import._typed_table import LENGTHS, Cells, Headed
 from cellctl.pendant_import.choices import Choices
 
-SIGMAS = ("sX", "sY", "sZ")
+SIGMA_COLUMNS = ("sX", "sY", "sZ")
 UNCERTAINTIES = ("UX", "UY", "UZ")
 _UNIT = re.compile(r"\b(?:units?|einheit(?:en)?)\b(?P<rest>.*)", re.IGNORECASE)
 _FRAME = re.compile(r"\b(?:frame|coordinate system|koordinatensystem|working)\b", re.IGNORECASE)
@@ -140,23 +140,23 @@ def with_sigmas(points: PointList, choices: Choices) -> PointList:
     elif stated:
         decided.append(f"{', '.join(stated)} not taken: --coverage says how many σ they are")
     found = [_with_sigma(point, choices.coverage) for point in points.points]
-    if any(name in point.values for point in found for name in SIGMAS) and not any(
-        point.values.get(name) for point in found for name in SIGMAS
+    if any(name in point.values for point in found for name in SIGMA_COLUMNS) and not any(
+        point.values.get(name) for point in found for name in SIGMA_COLUMNS
     ):
         decided.append("σ not taken: all are 0")
-        found = [_without(point, SIGMAS) for point in found]
+        found = [_without(point, SIGMA_COLUMNS) for point in found]
     return replace(points, points=tuple(found), decided=tuple(decided))
 
 
 def _with_sigma(point: Point, coverage: float | None) -> Point:
-    texts = [name for name in (*SIGMAS, *UNCERTAINTIES) if isinstance(point.values.get(name), str)]
+    texts = [name for name in (*SIGMA_COLUMNS, *UNCERTAINTIES) if isinstance(point.values.get(name), str)]
     if texts and not point.fault:
         return replace(point, fault=f"{texts[0]} '{str(point.values[texts[0]])[:20]}' is not a number")
     if coverage is None or point.fault:
         return _without(point, UNCERTAINTIES)
     sigmas: dict[str, Value] = {
         sigma: float(point.values[name]) / coverage
-        for sigma, name in zip(SIGMAS, UNCERTAINTIES, strict=True)
+        for sigma, name in zip(SIGMA_COLUMNS, UNCERTAINTIES, strict=True)
         if name in point.values
     }
     bare = _without(point, UNCERTAINTIES)

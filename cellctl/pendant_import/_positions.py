@@ -8,7 +8,14 @@ from dataclasses import replace
 
 from cellctl.files import InputError, Problem
 from cellctl.kinematics import abc_from_rotation
-from cellctl.pendant_import._instrument import SIGMAS, UNCERTAINTIES, described, of_group, with_sigmas, with_times
+from cellctl.pendant_import._instrument import (
+    SIGMA_COLUMNS,
+    UNCERTAINTIES,
+    described,
+    of_group,
+    with_sigmas,
+    with_times,
+)
 from cellctl.pendant_import._points import Point, PointList, RawList, Value, in_mm, read_values
 from cellctl.pendant_import._typed_table import cells_of, headed, lacking, optional_columns, raw_points, unheaded
 from cellctl.pendant_import.choices import Choices, Orientation
@@ -108,7 +115,7 @@ def position_points(raw: RawList, choices: Choices) -> PointList:
 def measured(raw: RawList, read: PointList, choices: Choices) -> PointList:
     """The list with its X, Y, Z and their σ in mm, and with faults where an orientation cannot be one."""
     units, how = _units(raw, read, choices)
-    stated = {name: raw.units.get(name) or units[name[1:]] for name in (*SIGMAS, *UNCERTAINTIES)}
+    stated = {name: raw.units.get(name) or units[name[1:]] for name in (*SIGMA_COLUMNS, *UNCERTAINTIES)}
     points = tuple(_scaled(point, {**stated, **units}) for point in read.points)
     found = with_sigmas(replace(read, points=points, decided=(*read.decided, how)), choices)
     return oriented(found, choices.orientation, raw.units) if choices.orientation else found

@@ -57,7 +57,7 @@ _BETTER = 1e-4
 _NEGLIGIBLE = 1e-3
 """Share of the mean variance over the task that the exchange may overlook: it takes a third of the directions."""
 
-RISE = 0.3
+CHECKED_RISE = 0.3
 """A row is checked by the others where the predicted error rises by no more than this share without it."""
 
 _SPARED = 6

@@ -118,7 +118,7 @@ def root_after(covariance: Floats, rows: Floats) -> Floats:
 
 @final
 @dataclass(frozen=True)
-class Limits:
+class StopLimits:
     """What ends a campaign. goal_mm: for the 95 % quantile. rows: the most for the fit. seconds: of the cell's time, 0:
     any. gain: the least by which the next batch has to lower the quantile, as a share of it.
     """
@@ -131,7 +131,7 @@ class Limits:
 
 @final
 @dataclass(frozen=True)
-class Progress:
+class BatchProgress:
     """A campaign after a batch. rows: of the fit so far; high_mm, next_mm: the 95 % quantile now and after the next
     batch. doubt: why the prediction cannot be trusted, in words. next_seconds: the time used at the end of the next
     batch.
@@ -144,7 +144,7 @@ class Progress:
     doubt: str = ""
 
 
-def ended_by(limits: Limits, at: Progress) -> End | None:
+def ended_by(limits: StopLimits, at: BatchProgress) -> End | None:
     """What ends the campaign here; None: the next batch is measured. A prediction in doubt meets no goal."""
     if at.high_mm <= limits.goal_mm and not at.doubt:
         return "goal"

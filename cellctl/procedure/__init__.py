@@ -13,6 +13,7 @@ from cellctl.procedure._steps import (
     step,
 )
 from cellctl.procedure.check import DeviceConditions, Devices, check, checked_parameters, inputs_of
+from cellctl.procedure.fields import did_you_mean
 from cellctl.procedure.loader import load_procedure, read_procedure, resolve_parameters
 from cellctl.procedure.model import (
     Action,
@@ -68,6 +69,7 @@ __all__ = [
     "check",
     "check_cell",
     "checked_parameters",
+    "did_you_mean",
     "expected_passes",
     "inputs_of",
     "load_procedure",

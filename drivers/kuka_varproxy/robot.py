@@ -19,8 +19,10 @@ from cellctl.devices import (
     JointReadings,
     LimitExceeded,
     TableState,
+    lost_before_activation,
+    refuse_correction,
+    refuse_corrections,
 )
-from cellctl.devices.tables import lost_before_activation, refuse_correction, refuse_corrections
 from drivers.kuka_varproxy.line import ProxyLine, ProxyPlace
 from drivers.kuka_varproxy.moving import ACTUAL, Job, Mover
 from drivers.kuka_varproxy.readiness import SLOWEST_PERCENT, AxisRanges, MoveLimits, health_of, require_version

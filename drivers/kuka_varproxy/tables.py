@@ -7,8 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self, final
 
-from cellctl.devices import ControllerTable, DeviceFault, DeviceRefused, TableInfo, TableRow, TableState
-from cellctl.devices.tables import lost_before_activation, lost_in_activation, refuse_rows
+from cellctl.devices import (
+    ControllerTable,
+    DeviceFault,
+    DeviceRefused,
+    TableInfo,
+    TableRow,
+    TableState,
+    lost_before_activation,
+    lost_in_activation,
+    refuse_rows,
+)
 from drivers.kuka_varproxy.variables import (
     AXES,
     BANK_KIND,

@@ -8,9 +8,20 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.drawing import ACCENT, BEFORE, HELD_OUT, INK, millimetres, svg_of
-from cellctl.report.figures import error_line, fixed, percent
+from cellctl.report import (
+    ACCENT,
+    BEFORE,
+    HELD_OUT,
+    INK,
+    ReportSection,
+    Run,
+    Sigma,
+    error_line,
+    fixed,
+    millimetres,
+    percent,
+    svg_of,
+)
 from procedures.steps.by_tracker.verdict import ByTrackerVerdict, JudgedModel, JudgedPosesRow
 
 _MODELS = (

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.drawing import ACCENT, HELD_OUT, INK, svg_of
+from cellctl.report import ACCENT, HELD_OUT, INK, ReportSection, Run, Sigma, svg_of
 from procedures.steps.daily.rows import ControlChartRow, DailyPointsRow, DailyVerdict, EarlierRunsRow
 
 _SHOWN = 60

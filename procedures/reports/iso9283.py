@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.drawing import ACCENT, BEFORE, INK, svg_of
-from cellctl.report.figures import fixed
+from cellctl.report import ACCENT, BEFORE, INK, ReportSection, Run, Sigma, fixed, svg_of
 from procedures.steps.iso9283.planning import VARIED
 from procedures.steps.iso9283.rows import IsoFigures, IsoRow, IsoVerdict, RegistrationRow
 

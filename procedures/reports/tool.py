@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cellctl.report import ReportSection, Run
-from cellctl.report.budget import Sigma
-from cellctl.report.drawing import ACCENT, BEFORE, FAINT, INK, svg_of
-from cellctl.report.figures import fixed
+from cellctl.report import ACCENT, BEFORE, FAINT, INK, ReportSection, Run, Sigma, fixed, svg_of
 from procedures.steps.tool.rows import ToolErrorsRow, ToolVerdict
 
 

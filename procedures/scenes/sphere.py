@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.rows.fixed_points import sphere_centre
-from cellctl.console.scene.run_points import ROBOTS, Points, Role, SceneRun, SceneSource
+from cellctl.calibration import sphere_centre
+from cellctl.console.scene import ROBOTS, Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
 from cellctl.records import Row
 from procedures.steps.sphere.rows import LocateRow, ProofRow, ReferenceRow, StandOffRow, TouchRow

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cellctl.calibration.problem.registration import rigid_fit
-from cellctl.console.scene.run_points import Points, Role, SceneRun, SceneSource
+from cellctl.calibration import rigid_fit
+from cellctl.console.scene import Points, Role, SceneRun, SceneSource
 from cellctl.kinematics import Floats
 from procedures.steps.iso9283.rows import IsoPoseRow, IsoRow
 from procedures.steps.tracker.rows import (

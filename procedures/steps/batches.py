@@ -12,15 +12,11 @@ from typing import Self, TypeVar, final
 
 import numpy as np
 
-from cellctl.calibration import FitResult
+from cellctl.calibration import REGION_POINTS, FitResult, shape_columns, sigma_doubts
 from cellctl.calibration import Task as FitTask
-from cellctl.calibration.prediction.predict import POINTS, shape_columns
-from cellctl.calibration.verdict.proof import sigma_doubts
-from cellctl.formats.design_problem import design_problem
-from cellctl.kinematics import Floats, JointMap
-from cellctl.kinematics.low_discrepancy import spread_over
-from cellctl.planning.design import chosen_rows
-from cellctl.planning.stopping import Limits, PredictedError, Progress, ended_by, root_after
+from cellctl.formats import design_problem
+from cellctl.kinematics import Floats, JointMap, spread_over
+from cellctl.planning import BatchProgress, PredictedError, StopLimits, chosen_rows, ended_by, root_after
 from cellctl.procedure import StepContext
 from cellctl.records import BatchRow
 from procedures.steps.batch_inputs import BatchInputs
@@ -62,8 +58,8 @@ class Task:
 
     @property
     def places(self) -> Floats:
-        """Model angles (POINTS, n), rad, spread evenly."""
-        return spread_over(np.array(self.lower), np.array(self.upper), POINTS, scramble=False)
+        """Model angles (REGION_POINTS, n), rad, spread evenly."""
+        return spread_over(np.array(self.lower), np.array(self.upper), REGION_POINTS, scramble=False)
 
 
 @final
@@ -138,11 +134,11 @@ def after_batch(
     times_ns: of all measurements so far. plan: of the next so many rows, with Jacobians (N, k, P), (M, k, P) of those
     that were made and of these, in their standard deviations.
     """
-    limits = Limits(inputs.goal_mm, inputs.most, 60.0 * inputs.minutes, inputs.gain_percent / 100.0)
+    limits = StopLimits(inputs.goal_mm, inputs.most, 60.0 * inputs.minutes, inputs.gain_percent / 100.0)
     seconds, of_each = _seconds(times_ns)
     now, size = known.error.now, min(inputs.size, inputs.most - known.rows)
     following = known.each * size + inputs.held_out_at_last
-    at = Progress(known.rows, now.high_mm, 0.0, seconds + of_each * following, known.doubt)
+    at = BatchProgress(known.rows, now.high_mm, 0.0, seconds + of_each * following, known.doubt)
     planned: list[Planned] = []
     ended, next_mm, to_goal = ended_by(limits, at), None, None
     if not ended:

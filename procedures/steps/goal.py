@@ -7,8 +7,7 @@ from typing import final
 
 import numpy as np
 
-from cellctl.calibration import FitResult
-from cellctl.calibration.distributions import chi2_ppf
+from cellctl.calibration import FitResult, chi2_ppf
 from cellctl.procedure import StepContext
 from cellctl.records import ENDED, BatchRow, VerdictRow
 

@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.calibration import Split
 from cellctl.files import InputError, load_yaml, sha256_of
 from cellctl.formats import Measurements
-from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
+from cellctl.operations.campaign_services import SetupFiles, refuse_setup_errors
 from cellctl.procedure import StepContext
 from cellctl.records import Row, VerdictRow
 from procedures.steps.judged import Judged

@@ -7,12 +7,18 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TypeVar
 
-from cellctl.devices import DeviceError, DeviceRefused, DeviceUncertain, TableStore
-from cellctl.devices.cell import table_correction_deg
+from cellctl.devices import DeviceError, DeviceRefused, DeviceUncertain, TableStore, table_correction_deg
 from cellctl.formats import RobotFile, TableFile
 from cellctl.journal import PushedTable
-from cellctl.operations.table import TableRecorder, active_id, in_force, push_verified, refuse_table, roll_back
-from cellctl.operations.table_history import TableHistory
+from cellctl.operations.campaign_services import (
+    TableHistory,
+    TableRecorder,
+    active_id,
+    in_force,
+    push_verified,
+    refuse_table,
+    roll_back,
+)
 from cellctl.procedure import StepContext
 from cellctl.records import TablePushRow, TableStateRow, VerdictRow
 

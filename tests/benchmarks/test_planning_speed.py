@@ -9,7 +9,7 @@ import pytest
 
 from cellctl.formats import RobotFile, measurements
 from cellctl.formats.design_problem import candidate_rows, design_problem
-from cellctl.formats.measurements.columns import SIGMAS
+from cellctl.formats.measurements.columns import SIGMA_COLUMNS
 from cellctl.kinematics.low_discrepancy import spread_over
 from cellctl.planning.design import chosen_rows
 from tests.helpers.arms import KR5_FILE
@@ -24,7 +24,7 @@ def test_a_design_of_the_whole_model_takes_a_tenth_of_the_plain_formula(tell):
     readings = rng.uniform(low, high, (CANDIDATES, 6))
     q = robot.joint_map().model(readings)
     places = dict(zip("XYZ", robot.chain().forward(q)[:, :3, 3].T, strict=True)) | dict.fromkeys(
-        SIGMAS, [0.03] * len(q)
+        SIGMA_COLUMNS, [0.03] * len(q)
     )
     problem = design_problem(measurements(robot, candidate_rows(readings, places)).task)
     asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), 256, scramble=False))

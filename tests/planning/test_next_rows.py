@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellctl.calibration import PoseRows, PositionRows, Postures, SocketRows, State, Task, TouchRows, identify
-from cellctl.calibration.prediction.predict import POINTS, shape_columns, sigma_over_region
+from cellctl.calibration.prediction.predict import REGION_POINTS, shape_columns, sigma_over_region
 from cellctl.formats import RobotFile, nominal_model
 from cellctl.kinematics.low_discrepancy import spread_over
 from cellctl.planning.next_rows import led_to, next_rows, rows_like
@@ -179,7 +179,7 @@ def test_rows_measured_as_advised_narrow_the_model_as_promised_and_more_than_oth
     task = Task(model, PositionRows(q, model.tcp(q) + rng.normal(0.0, 0.05, (20, 3)), sigma))
     found = identify(task).identified
     like = rows_like(task.rows.only, found.state, limits, 256)
-    asked = shape_columns(found.state.model, spread_over(lower, upper, POINTS, scramble=False))
+    asked = shape_columns(found.state.model, spread_over(lower, upper, REGION_POINTS, scramble=False))
     columns = like.jacobian(found.state) / like.sigma[..., None]
     advice = next_rows(found.covariance, asked, columns, 6)
     more = np.concatenate([q, like.q[list(advice.chosen)]])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cellctl.calibration.distributions import weighted_chi2_ppf
-from cellctl.planning.stopping import ErrorBand, Limits, PredictedError, Progress, ended_by, root_after
+from cellctl.planning.stopping import BatchProgress, ErrorBand, PredictedError, StopLimits, ended_by, root_after
 
-LIMITS = Limits(goal_mm=0.1, rows=100, seconds=600.0, gain=0.02)
-GOING = Progress(rows=50, high_mm=0.2, next_mm=0.15, next_seconds=300.0)
+LIMITS = StopLimits(goal_mm=0.1, rows=100, seconds=600.0, gain=0.02)
+GOING = BatchProgress(rows=50, high_mm=0.2, next_mm=0.15, next_seconds=300.0)
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ CASES = {
 
 PLACES = ("place_nees", "found_mm", "stated_mm", "among")
 MARK = "uncertainty figures"
-FEWER, TUNED, ALONE, SEEN = 10, 8, 3, 3
+FEWER, TUNED, ALONE, OBSERVABLE_SIGMAS = 10, 8, 3, 3
 """The other tables, effects that tuned σ, single effects that judge it, and set-ups in which an instrument sees the
 whole error of robots with such effects, take one seed where the first table takes so many."""
 
@@ -60,7 +60,7 @@ def _seeds(table: str, case: str, setup: str, seeds: range, fewer: range) -> ran
     if table != "lacks":
         return fewer
     if setup != "SPH":
-        seeds = seeds[: max(len(seeds) // SEEN, 2)]
+        seeds = seeds[: max(len(seeds) // OBSERVABLE_SIGMAS, 2)]
     if case == ALL_EFFECTS:
         return seeds
     count = max(len(seeds) // (TUNED if case in TUNING else ALONE), 2)

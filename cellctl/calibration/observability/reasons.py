@@ -22,7 +22,7 @@ from cellctl.kinematics import MM_PER_M, Bools, Floats, rotation_vector
 
 MOVED_RAD = 0.8
 """Joints are imagined to move by up to so much, rad, 46° to either side: what a person would do, within most joints'
-limits. Observability grows with it, and a reason counts only from `SEEN` on."""
+limits. Observability grows with it, and a reason counts only from `OBSERVABLE_SIGMAS` on."""
 
 TURNS = 20_000
 """Rows of a block, at most, that decide whether orientation changes: a limit of time alone."""

@@ -1,12 +1,14 @@
 """Unobservable combinations of parameters, in words (`tool translation along X, Y`), with their reasons.
 
 R is the triangle of the rows' Jacobian alone, columns in tolerances (JᵀJ = RᵀR). Its singular value s of a unit vector
-v is ‖R v‖: by how many standard deviations one tolerance of the combination v moves all rows together. Below `SEEN` it
-is unobservable: the prior holds it. The right singular vectors of these span a subspace, but any rotation of them does
-as well, and a vector of 24 numbers is no reason: `_sparse_combinations` looks for a basis of few parameters each.
+v is ‖R v‖: by how many standard deviations one tolerance of the combination v moves all rows together. Below
+`OBSERVABLE_SIGMAS` it is unobservable: the prior holds it. The right singular vectors of these span a subspace, but any
+rotation of them does as well, and a vector of 24 numbers is no reason: `_sparse_combinations` looks for a basis of few
+parameters each.
 
 A reason is a change of the rows (a joint that moves, another approach, a length) whose Jacobian L is known: a
-combination v belongs to the first reason for which ‖L v‖ is at least `SEEN`, and `SHOWN` times what the rows show.
+combination v belongs to the first reason for which ‖L v‖ is at least `OBSERVABLE_SIGMAS`, and `SHOWN` times what the
+rows show.
 """
 
 from __future__ import annotations
@@ -100,7 +102,7 @@ def _cut(parts: list[str], most: int | None) -> str:
 SHORT = 4
 """Phrases of one combination on a screen."""
 
-SEEN = 0.1
+OBSERVABLE_SIGMAS = 0.1
 """A combination is observable if one tolerance of it changes all rows together by this many standard deviations or
 more: they then take s²/(1 + s²) = 1 % off its prior variance."""
 
@@ -174,7 +176,7 @@ def observability(estimate: Estimate, triangle: Floats | None = None, rows: Rowe
     there = ~np.isin(owners, sorted(set(owners[nothing]) - set(owners[~nothing]) - {""}))
     parameters = [estimate.unknowns.parameters[index] for index in free[there]]
     _, singular, right = np.linalg.svd(triangle[:, there])
-    rank = int(np.sum(singular >= SEEN))
+    rank = int(np.sum(singular >= OBSERVABLE_SIGMAS))
     combined = _sparse_combinations(right[rank:], effect[there], parameters)
     strong = [_strong(parameters, each) for each in combined * _floored(effect[there])]
     away = [Hidden(f"no row of the fit belongs to {owner}", ()) for owner in dict.fromkeys(owners[~there].tolist())]
@@ -207,7 +209,7 @@ def _widened(combined: Floats, there: Bools) -> Floats:
 def _by_cause(rows: Rowed, combined: Floats, strong: list[tuple[Parameter, ...]]) -> list[Hidden]:
     """Each combination (U, F) under the first reason without which the rows would show it."""
     left = np.ones(len(combined), bool)
-    least = np.maximum(SEEN, SHOWN * _sizes(rows.as_they_are(), combined)) if left.any() else left
+    least = np.maximum(OBSERVABLE_SIGMAS, SHOWN * _sizes(rows.as_they_are(), combined)) if left.any() else left
     found: list[Hidden] = []
     for reason in reasons_for(rows) if left.any() else ():
         mine = left & (_sizes(reason.lines(), combined) >= least)

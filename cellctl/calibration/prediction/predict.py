@@ -38,7 +38,7 @@ from cellctl.calibration.selection.cross_validation import squared_distances
 from cellctl.kinematics import Bools, Floats
 from cellctl.kinematics.low_discrepancy import spread_over
 
-POINTS = 256
+REGION_POINTS = 256
 """Points over which the uncertainty in a joint region is averaged."""
 
 
@@ -127,7 +127,7 @@ def sigma_over_region(
     model: RobotModel, covariance: Floats, lower: Floats, upper: Floats, region: MeasuredRegion | None = None
 ) -> float:
     """`sigma_among` for points spread evenly (Sobol) over the joint region lower (n,) … upper (n,), rad; mm."""
-    return sigma_among(model, covariance, spread_over(lower, upper, POINTS, scramble=False), region)
+    return sigma_among(model, covariance, spread_over(lower, upper, REGION_POINTS, scramble=False), region)
 
 
 def gauge_fixed(covariance: Floats, names: Sequence[str]) -> Floats:

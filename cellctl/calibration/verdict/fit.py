@@ -17,7 +17,7 @@ from cellctl.calibration.model.learnt_map import learnt_maps
 from cellctl.calibration.observability.other_postures import in_their_sockets
 from cellctl.calibration.observability.reasons import Rowed
 from cellctl.calibration.observability.unobservable import Observability, informed, observability
-from cellctl.calibration.prediction.predict import POINTS, sigma_among
+from cellctl.calibration.prediction.predict import REGION_POINTS, sigma_among
 from cellctl.calibration.problem.measured_region import OUTSIDE, MeasuredRegion
 from cellctl.calibration.problem.task import Task
 from cellctl.calibration.rows.row_blocks import RowBlocks
@@ -225,7 +225,7 @@ def fit(task: Task, split: Split, progress: Progress = silent, folds: FoldFits |
     )
     own_parameters = informed(final_one.identified)
     region = whole.reliability.region if task.region is None or own_parameters else task.region
-    ranges = spread_over(region.lower, region.upper, POINTS, scramble=False)
+    ranges = spread_over(region.lower, region.upper, REGION_POINTS, scramble=False)
     at_postures = _why_at_postures(final_one.identified, ranges, region)
     return FitResult(
         identification=final_one,

@@ -11,7 +11,7 @@ import numpy as np
 
 from cellctl.calibration import Postures
 from cellctl.formats.dataset import Sieve
-from cellctl.formats.measurements.columns import ABC, OF_DISTANCE, OF_ROTATION, QUATERNION, SIGMAS
+from cellctl.formats.measurements.columns import ABC, OF_DISTANCE, OF_ROTATION, QUATERNION, SIGMA_COLUMNS
 from cellctl.formats.measurements.kinds import KINDS, Kind
 from cellctl.kinematics import Floats
 from cellctl.robot_file import RobotFile
@@ -108,7 +108,7 @@ def _currents(sieve: Sieve, robot: RobotFile) -> Floats | None:
 
 _NAMES = ("zero", "session", "time")
 _NUMBERS = (
-    *ABC, *QUATERNION, "radius", "tip_radius", "drift", *SIGMAS, OF_ROTATION, OF_DISTANCE,
+    *ABC, *QUATERNION, "radius", "tip_radius", "drift", *SIGMA_COLUMNS, OF_ROTATION, OF_DISTANCE,
     "temperature", "payload", *PAYLOAD_AT,
 )  # fmt: skip
 """Columns of the cells that make two rows different, besides those of the row kinds."""

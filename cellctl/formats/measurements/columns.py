@@ -26,7 +26,7 @@ LEAST = 1e-6
 MOST = 1e3
 """No standard deviation is greater, mm or degrees: a larger one is no measurement."""
 
-SIGMAS = ("sX", "sY", "sZ")
+SIGMA_COLUMNS = ("sX", "sY", "sZ")
 OF_DISTANCE = "sD"
 OF_ROTATION = "sR"
 OF_ZERO = "sZero"
@@ -39,13 +39,13 @@ COVARIANCES = tuple(f"c{one}{other}" for one, other in itertools.combinations(AX
 
 def has_own_sigma(data: DataSet) -> bool:
     """Whether any row states the σ of its position or distance."""
-    return any(any(data.texts(name)) for name in (*SIGMAS, OF_DISTANCE))
+    return any(any(data.texts(name)) for name in (*SIGMA_COLUMNS, OF_DISTANCE))
 
 
 def place_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:
     """σ of each coordinate (N, 3), mm: sX, sY, sZ, or the robot's repeatability on one axis."""
     default = robot.repeatability / math.sqrt(3.0)
-    return np.array([_positive(sieve, name, rows, default) for name in SIGMAS]).T
+    return np.array([_positive(sieve, name, rows, default) for name in SIGMA_COLUMNS]).T
 
 
 def distance_sigma(sieve: Sieve, robot: RobotFile, rows: Collection[int]) -> Floats:

@@ -12,7 +12,7 @@ import numpy as np
 from cellctl.compensation.paths import Arc
 from cellctl.files import InputError, Problem
 from cellctl.files.spans import Span
-from cellctl.formats.description import number
+from cellctl.formats.description import plain_number
 from cellctl.kinematics import Floats, inverse_pose, rotation_vector
 from cellctl.operations.programs._language import (
     FrameKind,
@@ -137,7 +137,7 @@ class ScriptProgram:
             pose = dict(zip(POSE, [*(value[:3, 3] / 1000.0), *nearest_vector(value, written)], strict=True))
             labels = {"pose": POSE, "place": POSE[:3], "orientation": POSE[3:]}[gives]
             new |= {label: float(pose[label]) for label in labels}
-        texts = {label: number(each / old.components[label].factor, _DECIMALS) for label, each in new.items()}
+        texts = {label: plain_number(each / old.components[label].factor, _DECIMALS) for label, each in new.items()}
         rounded = {label: float(text) * old.components[label].factor for label, text in texts.items()}
         return texts, old.read(rounded)
 
@@ -174,7 +174,7 @@ def _inserted(file: ScriptFile, statement: Evaluation, insertion: Insertion) -> 
     places = list(places_of_points(motion))
     indent, end = surroundings(file.text, statement.span)
     shortest = min(float(np.linalg.norm(part.end[:3, 3] - part.start[:3, 3])) for part in parts)
-    radius = number(_BLEND_SHARE * shortest / 1000.0, 5)
+    radius = plain_number(_BLEND_SHARE * shortest / 1000.0, 5)
     lines = [f"# {insertion.words}"]
     for part in parts[:-1]:
         literals = [_literal(seen @ part.poses([0.5])[0])] if isinstance(part, Arc) else []
@@ -200,7 +200,7 @@ def _line(file: ScriptFile, motion: Call, places: Sequence[Span], literals: Sequ
 
 def _literal(pose: Floats) -> str:
     values = [*(pose[:3, 3] / 1000.0), *rotation_vector(pose[:3, :3])]
-    return f"p[{', '.join(number(float(value), _DECIMALS) for value in values)}]"
+    return f"p[{', '.join(plain_number(float(value), _DECIMALS) for value in values)}]"
 
 
 URSCRIPT = ProgramLanguage("URScript", (_SUFFIX,), ScriptFiles.of)

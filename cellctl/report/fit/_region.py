@@ -9,7 +9,7 @@ from typing import Self, final
 import numpy as np
 
 from cellctl.calibration import MeasuredRegion, RobotModel, prediction_sigma
-from cellctl.calibration.prediction.predict import POINTS
+from cellctl.calibration.prediction.predict import REGION_POINTS
 from cellctl.kinematics import Floats
 from cellctl.kinematics.low_discrepancy import spread_over
 from cellctl.report.fit._story import FitStory
@@ -46,7 +46,7 @@ class RegionSigma:
     @cached_property
     def postures(self) -> Floats:
         """Postures (N, n) spread over the region."""
-        return spread_over(self.lower, self.upper, POINTS, scramble=False)
+        return spread_over(self.lower, self.upper, REGION_POINTS, scramble=False)
 
     def in_frame(self, q: Floats) -> Floats:
         """1 σ (N,) at q (N, n) in the measuring frame: base and heading count."""

@@ -17,7 +17,7 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Self, final
 
-from cellctl.clock.clocks import reader_of
+from cellctl.clock import reader_of
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
 from drivers.kuka_rsi.cyclic.online_block import OnlineSlot
 from drivers.kuka_rsi.cyclic.online_correction import OnlineCorrection

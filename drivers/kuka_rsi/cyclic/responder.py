@@ -29,7 +29,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Self, final
 
-from cellctl.clock.clocks import TimeReader
+from cellctl.clock import TimeReader
 from drivers.kuka_rsi.cyclic.session import Admission, AnswerDelay, CyclicTask, Phase, SearchOrder
 from drivers.kuka_rsi.cyclic.shared_block import Sample, SharedBlock, Slot
 from drivers.kuka_rsi.cyclic.telegram import ReplyFormat, Telegram, read_telegram

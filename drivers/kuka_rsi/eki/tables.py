@@ -11,8 +11,18 @@ from typing import Self, final
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-from cellctl.devices import ControllerTable, DeviceFault, DeviceRefused, TableInfo, TableRow, TableState
-from cellctl.devices.tables import LOOK, lost_before_activation, lost_in_activation, refuse_rows
+from cellctl.devices import (
+    ASK_WHICH_TABLE,
+    ControllerTable,
+    DeviceFault,
+    DeviceRefused,
+    TableInfo,
+    TableRow,
+    TableState,
+    lost_before_activation,
+    lost_in_activation,
+    refuse_rows,
+)
 from drivers.kuka_rsi import AXIS_NAMES
 from drivers.kuka_rsi.eki.channel import EkiChannel, Pending, Reply, refusal
 from drivers.seen_through import see_through
@@ -219,7 +229,7 @@ class TableChannel:
             state = await self.state()
         if state.active is None or (found := _differs(asked, state.active)):
             what = found if state.active else "no table is active"
-            raise DeviceFault(self._device, f"table {_short(asked.id)} was activated, and yet {what}", LOOK)
+            raise DeviceFault(self._device, f"table {_short(asked.id)} was activated, and yet {what}", ASK_WHICH_TABLE)
         return state
 
     async def _rolled_back(self, pending: Pending) -> TableState:

@@ -28,8 +28,8 @@ from cellctl.devices import (
     MotorCurrents,
     SearchResult,
     TableState,
+    refuse_corrections,
 )
-from cellctl.devices.tables import refuse_corrections
 from drivers.kuka_rsi import AXES
 from drivers.kuka_rsi.cyclic.limits import OnlineLimits, SearchLimits
 from drivers.kuka_rsi.cyclic.session import Phase, SearchOrder

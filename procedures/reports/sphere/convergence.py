@@ -12,10 +12,7 @@ from matplotlib.figure import Figure
 from cellctl.calibration import ErrorFigures
 from cellctl.kinematics import Bools
 from cellctl.records import ResidualsRow
-from cellctl.report import ReportSection, Run
-from cellctl.report.drawing import ACCENT, BEFORE, HELD_OUT, INK, millimetres, svg_of
-from cellctl.report.figures import fixed
-from cellctl.report.fit.residuals import Residuals
+from cellctl.report import ACCENT, BEFORE, HELD_OUT, INK, ReportSection, Residuals, Run, fixed, millimetres, svg_of
 from procedures.steps.sphere.rows import ConvergenceRow
 
 HELD_OUT_PUBLISHED = (1.923, 4.715), (0.383, 1.153)

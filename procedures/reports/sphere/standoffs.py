@@ -9,9 +9,17 @@ from typing import Any, Self, final
 import numpy as np
 
 from cellctl.kinematics import Floats
-from cellctl.report import Contribution, ReportSection, Run, Sigma
-from cellctl.report.drawing import before_and_after, one_by_one
-from cellctl.report.figures import error_line, percent, significant
+from cellctl.report import (
+    Contribution,
+    ReportSection,
+    Run,
+    Sigma,
+    before_and_after,
+    error_line,
+    one_by_one,
+    percent,
+    significant,
+)
 from procedures.steps.sphere.rows import LocateRow, ProofRow, SphereVerdict, StandOffRow
 
 

@@ -12,10 +12,19 @@ from cellctl.calibration import ErrorFigures
 from cellctl.formats import ModelFile
 from cellctl.kinematics import Bools, Floats
 from cellctl.records import ResidualsRow
-from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.drawing import ACCENT, INK, svg_of
-from cellctl.report.figures import fixed, plain, significant, with_sigma
-from cellctl.report.fit.residuals import Residuals
+from cellctl.report import (
+    ACCENT,
+    INK,
+    ReportSection,
+    Residuals,
+    Run,
+    Sigma,
+    fixed,
+    plain,
+    significant,
+    svg_of,
+    with_sigma,
+)
 from procedures.steps.sphere.rows import DriftFigures, ReferenceRow, SphereVerdict, StopFigures, TouchRow
 
 

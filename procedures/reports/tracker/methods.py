@@ -10,14 +10,23 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cellctl.formats import ModelFile
-from cellctl.formats.table_making import nominal_chain
+from cellctl.formats import ModelFile, nominal_chain
 from cellctl.kinematics import Bools, Floats, inverse_pose
 from cellctl.records import ComputingTimesRow, ResidualsRow
-from cellctl.report import ReportSection, Run
-from cellctl.report.drawing import ACCENT, BEFORE, HELD_OUT, INK, millimetres, svg_of
-from cellctl.report.figures import DASH, fixed, significant
-from cellctl.report.fit.residuals import Residuals
+from cellctl.report import (
+    ACCENT,
+    BEFORE,
+    DASH,
+    HELD_OUT,
+    INK,
+    ReportSection,
+    Residuals,
+    Run,
+    fixed,
+    millimetres,
+    significant,
+    svg_of,
+)
 from procedures.steps.tracker.rows import ComparedMethodsRow, TargetErrorsRow, TargetsRow
 
 PUBLISHED = {

@@ -10,12 +10,22 @@ from matplotlib.figure import Figure
 
 from cellctl.analysis import ErrorSet, UnsuitableRows, similarity
 from cellctl.records import IdentificationRow, ResidualsRow
-from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.compared_fits import error_curves, model_cells
-from cellctl.report.drawing import ACCENT, HELD_OUT, millimetres, svg_of
-from cellctl.report.figures import DASH, fixed, percent
-from cellctl.report.fit.residuals import Residuals
-from cellctl.report.similarity import by_joint
+from cellctl.report import (
+    ACCENT,
+    DASH,
+    HELD_OUT,
+    ReportSection,
+    Residuals,
+    Run,
+    Sigma,
+    by_joint,
+    error_curves,
+    fixed,
+    millimetres,
+    model_cells,
+    percent,
+    svg_of,
+)
 from procedures.steps.tracker.rows import ComparedModelsRow, SixFigures, SixRow
 
 PUBLISHED_MODELS = {

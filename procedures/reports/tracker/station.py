@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellctl.kinematics import abc_from_rotation
-from cellctl.report import Contribution, ReportSection, Run, Sigma
-from cellctl.report.figures import fixed, significant, with_sigma
+from cellctl.report import Contribution, ReportSection, Run, Sigma, fixed, significant, with_sigma
 from procedures.reports.tracker.targets import nests_picture
 from procedures.steps.tracker.rows import (
     ConstantRow,

@@ -9,9 +9,22 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cellctl.kinematics import Bools, Floats
-from cellctl.report import ReportSection, Run, Sigma
-from cellctl.report.drawing import ACCENT, BEFORE, HELD_OUT, INK, before_and_after, millimetres, svg_of
-from cellctl.report.figures import error_line, fixed, percent, significant
+from cellctl.report import (
+    ACCENT,
+    BEFORE,
+    HELD_OUT,
+    INK,
+    ReportSection,
+    Run,
+    Sigma,
+    before_and_after,
+    error_line,
+    fixed,
+    millimetres,
+    percent,
+    significant,
+    svg_of,
+)
 from procedures.steps.tracker.rows import (
     ON_LINE,
     MonumentsRow,

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, final
 
-from cellctl.calibration import FitResult, fit
-from cellctl.calibration.verdict.agreement import Agreement
+from cellctl.calibration import Agreement, FitResult, fit
 from cellctl.formats import ModelFile, RobotFile, fit_report, measurements
-from cellctl.operations.agreement import models_agree
+from cellctl.operations.campaign_services import models_agree
 from cellctl.procedure import NoInputs, StepContext, step
 from cellctl.records import Figures, Json, VerdictRow
-from cellctl.report.figures import agreement_lines
+from cellctl.report import agreement_lines
 from procedures.steps.identified import held_out_split, provenance
 from procedures.steps.judged import Judged
 from procedures.steps.sphere.rows import SphereVerdict

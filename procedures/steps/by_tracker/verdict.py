@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.calibration import ErrorFigures, FitResult, RowBlocks, Split, State, Task, compared_errors, fit
 from cellctl.formats import Measurements, ModelFile, RobotFile, from_prior, measurements
 from cellctl.kinematics import Floats, inverse_pose
-from cellctl.metrology.error_figures import error_directions
+from cellctl.metrology import error_directions
 from cellctl.procedure import NoInputs, StepContext, step
 from cellctl.records import Figures, Row
 from procedures.steps.identified import held_out_split, provenance

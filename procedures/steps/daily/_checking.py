@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from cellctl.devices import DeviceFault
-from cellctl.metrology.daily_check import (
+from cellctl.metrology import (
     RIGID_AND_SCALE,
     CheckLimits,
     DailyBaseline,
@@ -18,7 +18,7 @@ from cellctl.metrology.daily_check import (
     in_one_frame,
     rigid_and_scale,
 )
-from cellctl.metrology.daily_check import DailyVerdict as Found
+from cellctl.metrology import DailyVerdict as Found
 from cellctl.procedure import NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.daily.history import finished_checks
 from procedures.steps.daily.rows import (

@@ -9,8 +9,7 @@ from typing import Any, Self, TypeAlias, final
 
 from cellctl.files import InputError
 from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal
-from cellctl.metrology import ControlChart, control_chart
-from cellctl.metrology.daily_check import RIGID_AND_SCALE, deviations, in_one_frame
+from cellctl.metrology import RIGID_AND_SCALE, ControlChart, control_chart, deviations, in_one_frame
 from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict, DayPoints
 
 SECTION = DailyVerdict.SECTION[0]

@@ -8,13 +8,11 @@ from typing import Literal, final
 
 import numpy as np
 
-from cellctl.calibration import ErrorFigures, paired_verdict
-from cellctl.calibration.problem.registration import base_and_tool, rigid_fit
+from cellctl.calibration import ErrorFigures, base_and_tool, paired_verdict, rigid_fit
 from cellctl.files import InputError
-from cellctl.formats import ModelFile, RobotFile
-from cellctl.formats.table_making import nominal_chain
+from cellctl.formats import ModelFile, RobotFile, nominal_chain
 from cellctl.kinematics import Floats, abc_from_rotation, inverse_pose, pose
-from cellctl.metrology.iso9283 import Performance, performance
+from cellctl.metrology import Performance, performance
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, TableStateRow
 from procedures.steps.iso9283.planning import VARIED

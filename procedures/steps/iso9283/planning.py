@@ -12,16 +12,13 @@ from typing import final
 
 import numpy as np
 
-from cellctl.devices.cell import table_correction_deg
+from cellctl.devices import table_correction_deg
 from cellctl.files import InputError, Problem
-from cellctl.formats import ModelFile, RobotFile, TableFile, postures_of
-from cellctl.formats.cell_sections import reflectors_of
-from cellctl.formats.table_making import table_of
+from cellctl.formats import ModelFile, RobotFile, TableFile, postures_of, reflectors_of, table_of
 from cellctl.kinematics import Bools, Floats, JointMap, SerialChain, inverse, pose
-from cellctl.metrology.iso9283 import cube_points
-from cellctl.operations.table import refuse_table
-from cellctl.planning.measuring_poses import MeasuringArm
-from cellctl.planning.ways import Reach
+from cellctl.metrology import cube_points
+from cellctl.operations.campaign_services import refuse_table
+from cellctl.planning import MeasuringArm, Reach
 from cellctl.procedure import CellContext, StepContext, StepResult
 from procedures.steps.iso9283 import CycleInputs
 from procedures.steps.iso9283.rows import CubeRow

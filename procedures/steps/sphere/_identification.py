@@ -18,12 +18,20 @@ from cellctl.calibration import (
     paired_verdict,
     rows_for_better,
 )
-from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, artefact_of, fit_report, measurements
-from cellctl.formats.artefact import Artefact
-from cellctl.formats.measurements import ModelChoice
+from cellctl.formats import (
+    Artefact,
+    DataSet,
+    Measurements,
+    ModelChoice,
+    ModelFile,
+    RobotFile,
+    artefact_of,
+    fit_report,
+    measurements,
+)
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, TableStateRow
-from cellctl.report.fit import FitStory, identification_rows
+from cellctl.report import FitStory, identification_rows
 from procedures.steps.goal import goal_figures, goal_of, unmet, with_goal
 from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
 from procedures.steps.sphere.checked_touches import checked_words

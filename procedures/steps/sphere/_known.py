@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellctl.calibration import Drift
-from cellctl.formats import Measurements, measurements
-from cellctl.formats.design_problem import candidate_rows
+from cellctl.formats import Measurements, candidate_rows, measurements
 from cellctl.kinematics import Floats
 from cellctl.planning import PlannedTouch, TouchOptions
 from procedures.steps.batches import Forecast, Task, best_next, rows_in_sigma

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 from cellctl.calibration import LocatedSphere, RobotModel, locate_sphere
 from cellctl.compensation import Compensated
 from cellctl.files import InputError
-from cellctl.formats import ModelFile, TableFile, artefact_of
-from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of
+from cellctl.formats import ModelFile, TableFile, artefact_of, compensated_targets, nominal_chain, table_of
 from cellctl.kinematics import Floats, JointMap
 from cellctl.planning import PlannedTouch, TouchOptions
 from cellctl.procedure import StepContext

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cellctl.calibration.prediction.predict import POINTS
-from cellctl.formats import RobotFile, measurements
-from cellctl.formats.artefact import Artefact
-from cellctl.formats.design_problem import candidate_rows, design_problem
-from cellctl.kinematics import Floats
-from cellctl.kinematics.low_discrepancy import spread_over
-from cellctl.planning.design import RISE, chosen_rows
+from cellctl.calibration import REGION_POINTS
+from cellctl.formats import Artefact, RobotFile, candidate_rows, design_problem, measurements
+from cellctl.kinematics import Floats, spread_over
+from cellctl.planning import CHECKED_RISE, chosen_rows
 
 CHECKED_FROM = 35
 """With fewer touches none can be checked by the others: a fit of the geometry takes nearly each of them from itself."""
@@ -28,7 +25,7 @@ def checked_words(
     data = candidate_rows(readings, {"sphere": list(spheres)})
     task = measurements(robot, data, model="geometry", artefact=artefact, use_distances=use_distances).task
     problem = design_problem(task)
-    asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), POINTS, scramble=False))
+    asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), REGION_POINTS, scramble=False))
     found = chosen_rows(problem.covariance, problem.candidates, asked, count)
     most, leverage = 100.0 * float(found.rises.max()), float(found.leverage.mean())
     if count < CHECKED_FROM:
@@ -36,7 +33,7 @@ def checked_words(
             f"No touch can be checked by the others: {count} identify the robot, and {CHECKED_FROM} are needed; their "
             f"mean leverage is {leverage:.2f}, and 1 is that of a touch which no other one checks."
         )
-    unchecked = int((found.rises > RISE).sum())
+    unchecked = int((found.rises > CHECKED_RISE).sum())
     if unchecked:
         return (
             f"{unchecked} of {count} touches are not checked by the others: without one of them the predicted error "

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.calibration import RowBlocks, estimate, fit
-from cellctl.calibration.identification.identify import certified_rows
+from cellctl.calibration import RowBlocks, certified_rows, estimate, fit
 from cellctl.formats import DataSet, RobotFile, artefact_of, measurements
 from cellctl.kinematics import Floats
 from cellctl.procedure import StepContext, step

@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 
 from cellctl.files import InputError
-from cellctl.formats import ModelFile, RobotFile, artefact_of, postures_of
-from cellctl.formats.artefact import Artefact, Sphere
+from cellctl.formats import Artefact, ModelFile, RobotFile, Sphere, artefact_of, postures_of
 from cellctl.planning import (
     BestTouches,
+    Obstacles,
     OutOfReach,
     PlannedTouch,
     Plate,
+    Reach,
     RobotPostures,
     SphereTarget,
     TouchOptions,
     plan_touches,
+    spheres_of,
 )
-from cellctl.planning.touches import spheres_of
-from cellctl.planning.ways import Obstacles, Reach
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.sphere.checked_touches import checked_words
 from procedures.steps.sphere.plan_inputs import Choice, PlanInputs

@@ -8,13 +8,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.calibration.prediction.predict import POINTS
-from cellctl.formats import RobotFile, measurements
-from cellctl.formats.artefact import Artefact
-from cellctl.formats.design_problem import candidate_rows, design_problem
-from cellctl.kinematics import Floats
-from cellctl.kinematics.low_discrepancy import spread_over
-from cellctl.planning.design import RISE, chosen_rows
+from cellctl.calibration import REGION_POINTS
+from cellctl.formats import Artefact, RobotFile, candidate_rows, design_problem, measurements
+from cellctl.kinematics import Floats, spread_over
+from cellctl.planning import CHECKED_RISE, chosen_rows
 from procedures.steps.sphere.checked_touches import CHECKED_FROM
 
 
@@ -39,8 +36,8 @@ class TouchChoice:
         found = measurements(self.robot, data, artefact=self.artefact, use_distances=self.use_distances)
         problem, joints = design_problem(found.task), self.robot.joint_map()
         q = joints.model(readings)
-        asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), POINTS, scramble=False))
-        most_rise = RISE if self.count >= CHECKED_FROM else None
+        asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), REGION_POINTS, scramble=False))
+        most_rise = CHECKED_RISE if self.count >= CHECKED_FROM else None
         best = chosen_rows(
             problem.covariance, problem.candidates, asked, self.count, core=problem.core, most_rise=most_rise
         )

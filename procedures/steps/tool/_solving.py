@@ -8,16 +8,12 @@ from typing import Any, final
 
 import numpy as np
 
-from cellctl.calibration import ErrorFigures, Verdict, compared_errors, paired_verdict
-from cellctl.calibration.rows.fixed_points import sphere_centre
+from cellctl.calibration import ErrorFigures, Verdict, compared_errors, paired_verdict, sphere_centre
 from cellctl.files import InputError, Problem
-from cellctl.formats import RobotFile, artefact_of, postures_of
-from cellctl.formats.description import number
+from cellctl.formats import RobotFile, artefact_of, plain_number, postures_of
 from cellctl.kinematics import Floats
-from cellctl.metrology.four_point import FoundTool, tips, tool_at_point, tool_by_touches, touch_residuals
-from cellctl.planning import OutOfReach, RobotPostures
-from cellctl.planning.shared_orientations import plan_oriented_touches
-from cellctl.planning.ways import Reach
+from cellctl.metrology import FoundTool, tips, tool_at_point, tool_by_touches, touch_residuals
+from cellctl.planning import OutOfReach, Reach, RobotPostures, plan_oriented_touches
 from cellctl.procedure import CellContext, StepContext, StepResult
 from cellctl.records import Figures
 from procedures.steps.sphere.planning import as_plan, plate_of, seed_for, sphere_called, target_of
@@ -228,9 +224,9 @@ def _lines(figures: ToolFigures) -> list[str]:
 
 def tool_text(robot: RobotFile, figures: ToolFigures, verdict: Verdict, run: str) -> str:
     """The `tool:` line for the robot file: the found offset, with orientation and mass as taught."""
-    xyz, sigma = (", ".join(number(value, 3) for value in each) for each in (figures.found, figures.sigma))
-    abc = ", ".join(number(value, 6) for value in robot.tool.abc)
-    mass = f", mass: {number(robot.tool.mass, 6)}" if robot.tool.mass else ""
+    xyz, sigma = (", ".join(plain_number(value, 3) for value in each) for each in (figures.found, figures.sigma))
+    abc = ", ".join(plain_number(value, 6) for value in robot.tool.abc)
+    mass = f", mass: {plain_number(robot.tool.mass, 6)}" if robot.tool.mass else ""
     replace = "Replace the line `tool:` of the robot file by this one."
     use = replace if verdict == "better" else "Not for use: it is not better than the line `tool:` of the robot file."
     return (

@@ -11,9 +11,8 @@ from pydantic import Field
 
 from cellctl.devices import CellReadings, DeviceFault, PointSource, Reflector, Vector3, Weather
 from cellctl.files import Document, InputError
-from cellctl.formats.cell_sections import Nest, reflectors_of, station_of
-from cellctl.formats.load import Load, load_of
-from cellctl.metrology.instrument_checks import TwoFaceLimits, two_face_check
+from cellctl.formats import Load, Nest, load_of, reflectors_of, station_of
+from cellctl.metrology import TwoFaceLimits, two_face_check
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepInputs, StepResult, step
 from procedures.steps.tracker.measuring import NotSettled, PointInputs, settled_point
 from procedures.steps.tracker.reflectors import NestsDisagree

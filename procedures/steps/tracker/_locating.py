@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cellctl.calibration.problem.registration import rigid_fit
-from cellctl.formats.cell_sections import station_of
+from cellctl.calibration import rigid_fit
+from cellctl.formats import station_of
 from cellctl.procedure import CellContext, NoInputs, StepContext, StepResult, step
 from procedures.steps.tracker.circles import found_frames, planned_turns, return_pose
 from procedures.steps.tracker.plan_inputs import TurnInputs

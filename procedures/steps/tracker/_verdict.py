@@ -11,7 +11,7 @@ import numpy as np
 from cellctl.calibration import ErrorFigures, compared_errors, paired_verdict
 from cellctl.formats import RobotFile, TableFile
 from cellctl.kinematics import Bools, Floats
-from cellctl.metrology.error_figures import ErrorIntervals
+from cellctl.metrology import ErrorIntervals
 from cellctl.procedure import StepContext
 from cellctl.records import Figures, Rows, TableStateRow
 from procedures.steps.goal import goal_of, unmet, with_goal

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from cellctl.devices import DeviceFault, JointReadings, MovingRobot
 from cellctl.formats import RobotFile, postures_of
-from cellctl.metrology.instrument_checks import Settling, SettlingLimits, settling
+from cellctl.metrology import Settling, SettlingLimits, settling
 from cellctl.procedure import StepContext, StepResult, step
 from procedures.steps.contact_search import rejoin
 from procedures.steps.tracker.circles import return_pose

@@ -10,18 +10,17 @@ import numpy as np
 from pydantic import Field
 
 from cellctl.calibration import FitResult, fit
-from cellctl.formats import DataSet, Measurements, RobotFile, measurements, postures_of
-from cellctl.formats.measurements import ModelChoice
+from cellctl.formats import DataSet, Measurements, ModelChoice, RobotFile, measurements, postures_of
 from cellctl.kinematics import Floats
-from cellctl.planning.measuring_poses import (
+from cellctl.planning import (
     Counts,
     MeasuringArm,
     MeasuringPoses,
+    Reach,
     Sight,
     measuring_postures,
     plan_given_poses,
 )
-from cellctl.planning.ways import Reach
 from cellctl.procedure import StepContext, StepResult, step
 from cellctl.records import BatchRow
 from procedures.steps.batch_inputs import BatchInputs

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from cellctl.files import InputError
-from cellctl.formats import RobotFile, postures_of
-from cellctl.formats.cell_sections import floor_of, reflectors_of
+from cellctl.formats import RobotFile, floor_of, postures_of, reflectors_of
 from cellctl.kinematics import Bools, Floats
-from cellctl.metrology.axis_frames import (
+from cellctl.metrology import (
     AxisFrames,
+    MeasuredPose,
     NoCircle,
     ParallelAxes,
     Turn,
     axis_frames,
+    gravity_in_base,
     reflector_on_flange,
     station,
 )
-from cellctl.metrology.measured_pose import MeasuredPose, gravity_in_base
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.tracker.pose_plans import PosePlan
 from procedures.steps.tracker.reflectors import points_of

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellctl.calibration import FitResult, Split, fit
-from cellctl.calibration.verdict.comparison import compared_models
+from cellctl.calibration import FitResult, Split, compared_models, fit
 from cellctl.files import InputError
 from cellctl.formats import RobotFile, measurements
 from cellctl.procedure import StepContext, StepInputs, step

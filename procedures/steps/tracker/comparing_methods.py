@@ -8,11 +8,9 @@ import numpy as np
 from pydantic import field_validator
 
 from cellctl.compensation import METHODS, compensate
-from cellctl.formats import ModelFile, TableFile
-from cellctl.formats.table_making import compensated_targets, nominal_chain
+from cellctl.formats import ModelFile, TableFile, compensated_targets, nominal_chain
 from cellctl.kinematics import Floats
-from cellctl.procedure import StepContext, StepInputs, step
-from cellctl.procedure.fields import did_you_mean
+from cellctl.procedure import StepContext, StepInputs, did_you_mean, step
 from cellctl.records import ComputingTimesRow
 from procedures.steps.tracker.rows import ComparedMethod, ComparedMethodsRow
 

@@ -11,16 +11,24 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from cellctl.calibration import FitResult, Split, State, fit
-from cellctl.calibration.observability.unobservable import SEEN
+from cellctl.calibration import OBSERVABLE_SIGMAS, FitResult, Split, State, fit
 from cellctl.devices import MeasuredPoint
 from cellctl.files import InputError, Problem, sha256_of
-from cellctl.formats import DataSet, Measurements, ModelFile, RobotFile, fit_report, from_prior, measurements
-from cellctl.formats.measurements import Kind, ModelChoice
+from cellctl.formats import (
+    DataSet,
+    Kind,
+    Measurements,
+    ModelChoice,
+    ModelFile,
+    RobotFile,
+    fit_report,
+    from_prior,
+    measurements,
+)
 from cellctl.kinematics import Floats, inverse_pose
 from cellctl.procedure import StepContext
 from cellctl.records import Figures
-from cellctl.report.fit import FitStory, identification_rows
+from cellctl.report import FitStory, identification_rows
 from procedures.steps.goal import goal_figures, unmet, with_goal
 from procedures.steps.identified import Found, WrongSetup, held_out_split, provenance, wrong_setup
 from procedures.steps.tracker.reflectors import measured_place, measured_pose, plate_of
@@ -50,7 +58,7 @@ def six_row(measured: Measurements, result: FitResult, split: Split) -> SixRow:
         test=_figures(measured, result, np.flatnonzero(held_out)),
         parameters=names,
         r=r,
-        observable=SEEN,
+        observable=OBSERVABLE_SIGMAS,
     )
 
 

@@ -24,7 +24,7 @@ from cellctl.devices import (
     Vector3,
 )
 from cellctl.files import InputError
-from cellctl.formats.cell_sections import Currents, currents_of, reflectors_of, station_of
+from cellctl.formats import Currents, currents_of, reflectors_of, station_of
 from cellctl.procedure import CellContext, StepContext, StepInputs, StepResult, step
 from cellctl.records import Row
 from procedures.steps.contact_search import rejoin

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 
 from cellctl.calibration import Postures
-from cellctl.devices.cell import table_correction_deg
+from cellctl.devices import table_correction_deg
 from cellctl.files import InputError, Problem
-from cellctl.formats import ModelFile, RobotFile
-from cellctl.formats.load import load_of
-from cellctl.formats.online import CorrectionFile
+from cellctl.formats import CorrectionFile, ModelFile, RobotFile, load_of
 from cellctl.journal import run_place
-from cellctl.operations.compensating import (
+from cellctl.operations.campaign_services import (
     CellRobot,
     ModelController,
     refuse_model,

@@ -6,16 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellctl.calibration import Task
-from cellctl.calibration.prediction.predict import POINTS
-from cellctl.formats import RobotFile, measurements
-from cellctl.formats.design_problem import candidate_rows, design_problem
-from cellctl.formats.measurements.columns import SIGMAS
-from cellctl.kinematics import Floats, abc_from_rotation
-from cellctl.kinematics.low_discrepancy import spread_over
-from cellctl.planning.design import RISE, chosen_rows
-from cellctl.planning.measuring_poses import MeasuringArm, measuring_postures
-from cellctl.planning.ways import Reach
+from cellctl.calibration import REGION_POINTS, Task
+from cellctl.formats import SIGMA_COLUMNS, RobotFile, candidate_rows, design_problem, measurements
+from cellctl.kinematics import Floats, abc_from_rotation, spread_over
+from cellctl.planning import CHECKED_RISE, MeasuringArm, Reach, chosen_rows, measuring_postures
 
 CANDIDATES, CANDIDATES_EACH = 1000, 8
 """Candidates of an optimal choice: at least so many in all, and for each pose of the fit."""
@@ -50,8 +44,8 @@ def best_postures(robot: RobotFile, candidates: Floats, count: int, reflectors: 
     each other, over the joints of all candidates. reflectors (M, 3), mm: one gives positions, three and more poses.
     """
     problem, q = design_problem(rows_at(robot, candidates, reflectors)), robot.joint_map().model(candidates)
-    asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), POINTS, scramble=False))
-    found = chosen_rows(problem.covariance, problem.candidates, asked, count, core=problem.core, most_rise=RISE)
+    asked = problem.places(spread_over(q.min(axis=0), q.max(axis=0), REGION_POINTS, scramble=False))
+    found = chosen_rows(problem.covariance, problem.candidates, asked, count, core=problem.core, most_rise=CHECKED_RISE)
     return list(found.rows)
 
 
@@ -63,7 +57,9 @@ def rows_at(robot: RobotFile, readings: Floats, reflectors: Floats) -> Task:
     seen = robot.model_copy(update={"tool": tool})
     poses = seen.chain().forward(robot.joint_map().model(readings))
     sigma = float(np.hypot(SIGMA_MM, robot.repeatability / np.sqrt(3.0)))
-    columns = dict(zip("XYZ", poses[:, :3, 3].T.tolist(), strict=True)) | dict.fromkeys(SIGMAS, [sigma] * len(poses))
+    columns = dict(zip("XYZ", poses[:, :3, 3].T.tolist(), strict=True)) | dict.fromkeys(
+        SIGMA_COLUMNS, [sigma] * len(poses)
+    )
     if len(reflectors) >= 3:
         columns |= dict(zip("ABC", abc_from_rotation(poses[:, :3, :3]).T.tolist(), strict=True))
     return measurements(seen, candidate_rows(readings, columns)).task

@@ -12,24 +12,32 @@ from typing import Self, final
 import numpy as np
 
 from cellctl.files import InputError, Problem
-from cellctl.formats import DataSet, ModelFile, RobotFile, postures_of
-from cellctl.formats.cell_sections import floor_of, reflectors_of, station_of
-from cellctl.formats.dataset import Sieve, joint_readings
-from cellctl.formats.table_making import valid_region
+from cellctl.formats import (
+    DataSet,
+    ModelFile,
+    RobotFile,
+    Sieve,
+    floor_of,
+    joint_readings,
+    postures_of,
+    reflectors_of,
+    station_of,
+    valid_region,
+)
 from cellctl.kinematics import Floats
-from cellctl.planning import OutOfReach
-from cellctl.planning.measuring_poses import (
+from cellctl.planning import (
     Counts,
     MeasuringArm,
     MeasuringPoses,
+    OutOfReach,
     PoseOptions,
+    Reach,
     Sight,
     measuring_postures,
     plan_given_poses,
     plan_measuring_poses,
     unmeasurable,
 )
-from cellctl.planning.ways import Reach
 from cellctl.procedure import CellContext
 from procedures.steps.sphere.planning import spheres_around
 from procedures.steps.tracker.circles import return_pose, rounded, turn_posture

@@ -11,9 +11,8 @@ from pydantic import Field, field_validator
 
 from cellctl.compensation import METHODS
 from cellctl.files import InputError, Problem
-from cellctl.formats.measurements import ModelChoice, ModelTerms
-from cellctl.procedure import CellContext, StepInputs, StepResult
-from cellctl.procedure.fields import did_you_mean
+from cellctl.formats import ModelChoice, ModelTerms
+from cellctl.procedure import CellContext, StepInputs, StepResult, did_you_mean
 from procedures.steps.tracker.plan_inputs import DEFAULT_METHOD
 
 

@@ -14,10 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cellctl.devices import DeviceError, MeasuredPoint
-from cellctl.formats.cell_sections import reflectors_of
+from cellctl.formats import reflectors_of
 from cellctl.kinematics import Floats
-from cellctl.metrology.measured_points import Points
-from cellctl.metrology.nests import NestPlate, NestsDoNotFit, check_nests, plate_pose
+from cellctl.metrology import NestPlate, NestsDoNotFit, Points, check_nests, plate_pose
 from cellctl.procedure import StepContext
 from cellctl.records import Rows
 from procedures.steps.tracker.rows import PoseRow

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import ClassVar, Literal, Self, final
 
-from cellctl.calibration.verdict.comparison import ComparedModel
+from cellctl.calibration import ComparedModel
 from cellctl.devices import (
     CorrectionReport,
     CorrectionSample,

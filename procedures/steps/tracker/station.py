@@ -12,12 +12,17 @@ import numpy as np
 
 from cellctl.devices import Vector3
 from cellctl.files import InputError
-from cellctl.formats import RobotFile
-from cellctl.formats.cell_sections import FlangeReflector, reflectors_of, station_of
+from cellctl.formats import FlangeReflector, RobotFile, reflectors_of, station_of
 from cellctl.kinematics import Floats, JointMap, SerialChain, inverse_pose, pose_from_xyz_abc
-from cellctl.metrology.instrument_checks import InsensitiveDistances, KnownDistance, constant_error
-from cellctl.metrology.measured_points import Points
-from cellctl.metrology.monuments import NestLoose, StationState, station_motion
+from cellctl.metrology import (
+    InsensitiveDistances,
+    KnownDistance,
+    NestLoose,
+    Points,
+    StationState,
+    constant_error,
+    station_motion,
+)
 from cellctl.procedure import CellContext, StepContext
 from cellctl.records import Rows
 from procedures.steps.tracker.reflectors import NestsDisagree, points_of

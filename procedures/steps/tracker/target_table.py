@@ -8,11 +8,19 @@ from typing import Protocol, Self, final
 import numpy as np
 
 from cellctl.compensation import Compensated
-from cellctl.devices.cell import online_correction_deg, table_correction_deg
+from cellctl.devices import online_correction_deg, table_correction_deg
 from cellctl.files import InputError
-from cellctl.formats import ModelFile, TableFile, postures_of
-from cellctl.formats.table import row_problems
-from cellctl.formats.table_making import compensated_targets, nominal_chain, table_of, target_rows, valid_region
+from cellctl.formats import (
+    ModelFile,
+    TableFile,
+    compensated_targets,
+    nominal_chain,
+    postures_of,
+    row_problems,
+    table_of,
+    target_rows,
+    valid_region,
+)
 from cellctl.kinematics import Bools, Floats
 from cellctl.procedure import CellContext, StepContext
 from procedures.steps.tracker.circles import APPROACH_DEG, return_pose, rounded, turn_posture
