@@ -17,7 +17,7 @@ import numpy as np
 from cellctl.formats import RobotFile
 from cellctl.formats.design_problem import candidate_rows, design_problem
 from cellctl.formats.measurements import measurements
-from cellctl.formats.measurements.columns import SIGMAS
+from cellctl.formats.measurements.columns import SIGMA_COLUMNS
 from cellctl.planning.design import chosen_rows
 from tests.helpers.arms import ROBOTS, Floats
 from tests.studies._runner import Row, Study, Table, each
@@ -65,7 +65,7 @@ def candidates(seed: int) -> tuple[Floats, tuple[int, ...]]:
     readings = np.random.default_rng(seed).uniform(low, high, (POSES, len(low)))
     places = robot.chain().forward(robot.joint_map().model(readings))[:, :3, 3]
     sigma = float(np.hypot(0.02, robot.repeatability / np.sqrt(3.0)))
-    columns = dict(zip("XYZ", places.T.tolist(), strict=True)) | dict.fromkeys(SIGMAS, [sigma] * POSES)
+    columns = dict(zip("XYZ", places.T.tolist(), strict=True)) | dict.fromkeys(SIGMA_COLUMNS, [sigma] * POSES)
     problem = design_problem(measurements(robot, candidate_rows(readings, columns), model="geometry").task)
     asked = problem.places(robot.joint_map().model(readings))
     chosen = chosen_rows(problem.covariance, problem.candidates, asked, CHOSEN, "D")

@@ -17,7 +17,7 @@ import numpy as np
 from cellctl.calibration import Split, fit
 from cellctl.files import load_yaml
 from cellctl.formats import DataSet, RobotFile, measurements, postures_of
-from cellctl.formats.measurements.columns import SIGMAS
+from cellctl.formats.measurements.columns import SIGMA_COLUMNS
 from cellctl.planning.measuring_poses import MeasuringArm, measuring_postures
 from procedures.steps.tracker.plan_inputs import PlanInputs
 from procedures.steps.tracker.pose_planning import planned_rounds, pose_limits
@@ -87,7 +87,7 @@ def measured_rows(world: World, poses: list[PosePlan], repeatability: float, see
         place = reflector(world, pose.joints, world.scatter(pose.joints, 0)) + rng.normal(0.0, INSTRUMENT_MM, 3)
         row = {f"A{axis}": reading for axis, reading in enumerate(pose.joints, 1)}
         row |= {f"D{axis}": side for axis, side in enumerate(pose.direction, 1)}
-        rows.append({**row, **dict(zip("XYZ", place.tolist(), strict=True)), **dict.fromkeys(SIGMAS, sigma)})
+        rows.append({**row, **dict(zip("XYZ", place.tolist(), strict=True)), **dict.fromkeys(SIGMA_COLUMNS, sigma)})
     return DataSet.of_records(rows, "poses")
 
 
