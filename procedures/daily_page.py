@@ -79,7 +79,7 @@ def _head(history: DailyHistory) -> None:
     last = history.checks[-1]
     with ui.element("div").classes("row"):
         state_word(look_of_verdict(last.verdict), last.verdict, large=True)
-        ui.label(f"{last.sentence} ({shown_time(last.began)} UTC)")
+        ui.label(f"{last.sentence} ({shown_time(last.began)})")
     count = len(history.checks)
     baseline = f"‘{history.baseline}’, {min(count, last.needed)} of {last.needed} checks"
     facts(
@@ -93,7 +93,7 @@ def _head(history: DailyHistory) -> None:
 
 
 def _days(history: DailyHistory) -> list[str]:
-    return [shown_time(check.began)[5:] for check in history.checks]
+    return [shown_time(check.began, "%m-%d %H:%M") for check in history.checks]
 
 
 def _statistics(history: DailyHistory) -> None:
@@ -149,7 +149,7 @@ def _signals(history: DailyHistory, signals: Sequence[Sequence[Any]]) -> None:
 
 
 def _checks(history: DailyHistory) -> None:
-    columns = [*words("Check", "Began (UTC)", "Verdict"), *numbers("T²", "EWMA")]
+    columns = [*words("Check", "Began", "Verdict"), *numbers("T²", "EWMA")]
     with section("Checks"):
         figures(columns, map(_row, reversed(history.checks)), label="Checks").style("max-height: 24rem")
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, final
 
 from nicegui import ui
 
+from cellctl.console.guarding import nonce_of
 from cellctl.console.live import Snapshot
 from cellctl.files import Problem
 from cellctl.operations.run_list import RunEnd, RunSummary
@@ -27,7 +29,19 @@ COLOURS: Mapping[State, str] = {
     "off": "#5f6368",
     "unknown": "#5f6368",
 }
-"""Dark shades of the Okabe-Ito palette: contrast of 4.5 : 1 or more on white (WCAG 2.2, 1.4.3)."""
+"""Dark shades of the Okabe-Ito palette: contrast of 4.5 : 1 or more on white (WCAG 2.2, 1.4.3). For charts, whose
+colours are inverted in dark mode."""
+
+INKS: Mapping[State, str] = {
+    "good": "var(--good)",
+    "working": "var(--accent)",
+    "waiting": "var(--wait)",
+    "warning": "var(--wait)",
+    "bad": "var(--bad)",
+    "off": "var(--off)",
+    "unknown": "var(--off)",
+}
+"""The same in CSS: light shades in dark mode, by `console.css`."""
 
 ICONS: Mapping[State, str] = {
     "good": "check_circle",
@@ -55,18 +69,33 @@ class StateWord:
             self.label.set_text(word)
         if self.icon.name != ICONS[state]:
             self.icon.set_name(ICONS[state])
-        style = {"color": COLOURS[state]}
+        style = {"color": INKS[state]}
         if dict(self.icon.style) != style:
-            self.icon.style(replace=f"color: {COLOURS[state]}")
-            self.label.style(replace=f"color: {COLOURS[state]}")
+            self.icon.style(replace=f"color: {INKS[state]}")
+            self.label.style(replace=f"color: {INKS[state]}")
 
 
 def state_word(state: State, word: str, *, large: bool = False) -> StateWord:
     """A state as icon, colour and word: never the colour alone."""
     with ui.element("span").classes("state-word large" if large else "state-word"):
-        icon = ui.icon(ICONS[state]).props("aria-hidden=true").style(f"color: {COLOURS[state]}")
-        label = ui.label(word).style(f"color: {COLOURS[state]}")
+        icon = ui.icon(ICONS[state]).props("aria-hidden=true").style(f"color: {INKS[state]}")
+        label = ui.label(word).style(f"color: {INKS[state]}")
     return StateWord(icon, label)
+
+
+def head_script(code: str) -> None:
+    """Add a script to the head of the page."""
+    ui.add_head_html(f'<script nonce="{_nonce()}">{code}</script>')
+
+
+def head_style(css: str) -> None:
+    """Add styles to the head of the page."""
+    ui.add_head_html(f'<style nonce="{_nonce()}">{css}</style>')
+
+
+def _nonce() -> str:
+    request = ui.context.client.request
+    return nonce_of(request.scope) if request else ""
 
 
 def section(title: str, *, note: str = "") -> ui.element:
@@ -133,7 +162,7 @@ def figures(
 
 def problem_list(problems: Iterable[Problem], line_of: Callable[[Problem], str] | None = None) -> ui.element:
     """Errors, each with place, text and cure. line_of: the line of the file at which a problem is, shown below it."""
-    with ui.element("ul").classes("problems").props("role=alert") as listed:
+    with ui.element("div").props("role=alert") as listed, ui.element("ul").classes("problems"):
         for problem in problems:
             place = f"{problem.file}:{problem.line}" if problem.line else problem.file
             with ui.element("li"):
@@ -202,9 +231,9 @@ def look_of_verdict(word: object, other: State = "unknown") -> State:
     return _VERDICTS.get(str(word), other)
 
 
-def shown_time(began: object) -> str:
-    """`2026-11-21 19:24`, UTC; a dash without it."""
-    return str(began)[:16].replace("T", " ") if began else "–"
+def shown_time(utc: object, form: str = "%Y-%m-%d %H:%M %Z") -> str:
+    """`2026-11-21 20:24 CET`: the local time of the console's computer, from UTC, ISO 8601; a dash without it."""
+    return f"{datetime.fromisoformat(str(utc)).astimezone():{form}}" if utc else "–"
 
 
 _ENDS: dict[str, State] = {"aborted": "warning"}

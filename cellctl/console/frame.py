@@ -10,7 +10,15 @@ from typing import Any, final
 
 from nicegui import background_tasks, ui
 
-from cellctl.console.appearance import command_button, escaped, problem_list, state_word
+from cellctl.console.appearance import (
+    CSS,
+    command_button,
+    escaped,
+    head_script,
+    head_style,
+    problem_list,
+    state_word,
+)
 from cellctl.console.guarding import Session, session_of
 from cellctl.console.jobs import Job
 from cellctl.console.shared import console
@@ -35,15 +43,23 @@ NO_SAFETY = (
     "No button of this console is a safety stop. Use the emergency stop of the cell: it works without this computer."
 )
 
-_LOST = """<script>
-addEventListener("DOMContentLoaded", () => {
+_LOST = """addEventListener("DOMContentLoaded", () => {
   const popup = document.getElementById("popup");
   new MutationObserver(() => {
     for (const part of document.querySelectorAll("#app, .q-dialog, .q-menu")) part.inert = popup.ariaHidden === "false";
   }).observe(popup, { attributes: true });
-});
-</script>"""
-"""While the connection is lost nothing on the page can be pressed; the notice says so (`#popup` in console.css)."""
+  const look = localStorage.getItem("cellctl-look");
+  if (look) setDark(look === "dark");
+});"""
+"""While the connection is lost nothing on the page can be pressed; the notice says so (`#popup` in console.css). The
+look that a person chose stays; without a choice it is that of the system.
+"""
+
+_OTHER_LOOK = """() => {
+  const dark = !Quasar.Dark.isActive;
+  setDark(dark);
+  localStorage.setItem("cellctl-look", dark ? "dark" : "light");
+}"""
 
 
 def session() -> Session:
@@ -62,7 +78,11 @@ def operator() -> Operator | None:
 def frame(title: str, here: str) -> Iterator[None]:
     """The frame of a page; its content goes inside. `here`: the page's entry of the navigation (`/runs`)."""
     ui.page_title(f"{title} · cellctl")
-    ui.add_head_html(_LOST)
+    head_style(CSS)
+    head_script(_LOST)
+    around = ui.context.client.content.parent_slot
+    assert around is not None
+    around.parent.tag = "div"  # NiceGUI's is a second <main>
     with ui.element("header").classes("top"):
         ui.link("cellctl", "/").classes("name").style("color: inherit; text-decoration: none")
         with ui.element("nav").props('aria-label="Pages"'):
@@ -72,6 +92,8 @@ def frame(title: str, here: str) -> Iterator[None]:
                     link.props("aria-current=page")
         with ui.element("div").classes("who"):
             _who()
+            look = command_button("", lambda: None, icon="contrast").props('aria-label="Light or dark"')
+            look.on("click", js_handler=_OTHER_LOOK)
     with ui.element("main").classes("page"):
         ui.html(tag="h1", content=escaped(title), sanitize=False)
         yield
@@ -138,6 +160,12 @@ async def with_operator(work: Callable[[Operator], Awaitable[None] | None]) -> N
     waiting = work(known)
     if waiting is not None:
         await waiting
+
+
+def not_there(problems: Iterable[Problem]) -> None:
+    """What the address of this page names is not there: the answer is 404."""
+    ui.context.client.status_code = 404
+    problem_list(problems)
 
 
 Subscribe = Callable[[Callable[[], None]], Callable[[], None]]

@@ -80,19 +80,23 @@ LARGEST_BODY = 20_000_000
 NO_TOKEN = "this command needs the console's token"
 
 _SESSION = "cellctl.session"
+_NONCE = "cellctl.nonce"
 _OWN = ("none", "same-origin")
 """Sec-Fetch-Site of requests by the console's own pages and by the address bar."""
 
 _CONTENT = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
-    "frame-ancestors 'self'; form-action 'self'; base-uri 'self'; object-src 'none'"
+    "default-src 'self'; script-src 'self' 'nonce-{nonce}' 'unsafe-eval'; style-src 'self' 'nonce-{nonce}'; "
+    "style-src-attr 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; "
+    "worker-src 'self' blob:; frame-ancestors 'self'; form-action 'self'; base-uri 'self'; object-src 'none'"
 )
+"""Scripts and styles of a page have the nonce of its request. NiceGUI evaluates handlers and Vue's templates from text
+("unsafe-eval"), and its elements have style attributes.
+"""
+
 _HEADERS = {
     "x-content-type-options": "nosniff",
     "referrer-policy": "same-origin",
     "x-frame-options": "SAMEORIGIN",
-    "content-security-policy": _CONTENT,
     "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
     "cache-control": "no-cache",
@@ -104,6 +108,11 @@ def session_of(scope: Mapping[str, Any]) -> Session:
     found = scope[_SESSION]
     assert isinstance(found, Session)
     return found
+
+
+def nonce_of(scope: Mapping[str, Any]) -> str:
+    """The nonce of the scripts and styles of this request's page; empty without a guard."""
+    return str(scope.get(_NONCE, ""))
 
 
 def names_of(host: str, port: int) -> frozenset[str]:
@@ -138,6 +147,7 @@ class Guard:
         if scope["type"] == "websocket":
             await self.app(scope, receive, send)
             return
+        scope[_NONCE] = secrets.token_urlsafe(16)
         answer = self._answering(scope, headers, session, send)
         if (redirect := self._with_token(scope, session)) is not None:
             await redirect(scope, receive, answer)
@@ -188,7 +198,8 @@ class Guard:
         async def answer(message: Message) -> None:
             if message["type"] == "http.response.start":
                 out = MutableHeaders(scope=message)
-                for name, value in _HEADERS.items():
+                policy = _CONTENT.format(nonce=nonce_of(scope))
+                for name, value in {**_HEADERS, "content-security-policy": policy}.items():
                     if name not in out:
                         out[name] = value
                 if told:

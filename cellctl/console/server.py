@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import secrets
 import socket
 import tempfile
@@ -13,10 +14,10 @@ from importlib import import_module
 from pathlib import Path
 
 from fastapi import FastAPI
+from jinja2 import ChoiceLoader, DictLoader
 from starlette.types import ASGIApp
 
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
-from cellctl.console.appearance import CSS
 from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
 from cellctl.console.live import LiveRuns
 from cellctl.console.scene.run_points import installed_sources
@@ -98,7 +99,7 @@ def console_app(console: Console) -> Guard:
     for name in PAGES:
         import_module(f"cellctl.console.pages.{name}")
     pages.on_startup(lambda: asyncio.to_thread(installed_sources))  # its imports take a second of the first run page
-    ui.add_css(CSS, shared=True)
+    _give_nonces()
     ui.run_with(
         app,
         title="cellctl",
@@ -107,8 +108,29 @@ def console_app(console: Console) -> Guard:
         language="en-GB",
         reconnect_timeout=5.0,
         favicon=_FAVICON,
+        dark=None,
     )
     return guarded(app, console)
+
+
+def _give_nonces() -> None:
+    """Give NiceGUI's own scripts and styles the nonce of their page; what a page adds to its head and body has its own.
+
+    The text of the template is changed, never a finished page: there, names of runs could be taken for scripts.
+    """
+    from nicegui.client import templates  # it takes a second, and configures itself
+
+    loader = templates.env.loader
+    assert loader is not None
+    text = loader.get_source(templates.env, "index.html")[0]
+    nonce = "{{ request.scope['cellctl.nonce'] }}"
+    for tag in ("script", "style"):
+        text = re.sub(rf"<{tag}(?=[ >])", f'<{tag} nonce="{nonce}"', text)
+    text = text.replace('createElement("style"), {', f'createElement("style"), {{ nonce: "{nonce}",')
+    # the body begins with the styles of NiceGUI's components
+    own = """'<style nonce="' ~ request.scope['cellctl.nonce'] ~ '">'"""
+    text = text.replace("body_html | safe", f"body_html | replace('<style>', {own}, 1) | safe")
+    templates.env.loader = ChoiceLoader([DictLoader({"index.html": text}), loader])
 
 
 _FAVICON = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ import httpx
 import pytest
 
 from cellctl.clock import WallClock
-from cellctl.console.appearance import COLOURS
+from cellctl.console.appearance import COLOURS, CSS, INKS
 from cellctl.journal import Journal, OperatorAction, read_journal
 from tests.helpers.console import ConsoleProcess, browser, console_process
 from tests.helpers.engine import WrittenRun
@@ -39,6 +40,20 @@ _UNREACHED = """() => [...document.querySelectorAll('button, a[href], summary, i
   .filter(each => each.checkVisibility({visibilityProperty: true}) && !each.disabled && each.tabIndex >= 0)
   .filter(each => !each.dataset.reached && each.type !== 'file')
   .map(each => each.outerHTML.slice(0, 120))"""
+
+_SMALL = """() => [...document.querySelectorAll('button, a[href]')]
+  .filter(each => each.checkVisibility({visibilityProperty: true}))
+  .map(each => [each.innerText, each.getBoundingClientRect()])
+  .filter(([, box]) => box.height < 43.5 || box.width < 43.5)
+  .map(([text, box]) => `${text} ${box.width} ${box.height}`)"""
+"""Buttons and links that are less than 44 px wide or high (WCAG 2.2, 2.5.5)."""
+
+_UNNAMED = """() => [...document.querySelectorAll('th')]
+  .filter(each => !each.textContent.trim() && !each.querySelector('[aria-label]')).map(each => each.outerHTML)"""
+
+_REFUSED = """window.refused = [];
+document.addEventListener('securitypolicyviolation', each => window.refused.push(each.effectiveDirective));"""
+"""What the page's Content-Security-Policy refuses of its own content."""
 
 
 @pytest.fixture(scope="module")
@@ -92,11 +107,16 @@ def test_each_page_is_used_by_keyboard_alone_and_fits_a_tablet_and_no_state_is_a
     with browser() as chromium:
         page = chromium.new_page(viewport={"width": 1024, "height": 768})
         page.set_default_timeout(PATIENCE_MS)
+        page.add_init_script(_REFUSED)
         page.goto(served.command_url)
         for place in PAGES:
             page.goto(served.url + place)
             page.get_by_text("No button of this console").wait_for()
             page.wait_for_timeout(500)
+            assert page.locator("main").count() == 1, place
+            assert page.evaluate(_UNNAMED) == [], place
+            assert page.evaluate(_SMALL) == [], place
+            assert page.evaluate("window.refused") == [], place
             assert page.evaluate("document.documentElement.scrollWidth") <= 1024, place
             assert page.evaluate("[...document.querySelectorAll('.state-word')].every(e => e.innerText.trim())"), place
             assert nameless(page) == [], place
@@ -144,13 +164,31 @@ def test_ten_pages_show_the_same_while_one_of_them_has_stopped(tmp_path: Path) -
     run.journal.close()
 
 
-def test_colours_of_states_are_readable_on_white() -> None:
+def test_words_and_states_are_readable_in_light_and_dark() -> None:
     def luminance(colour: str) -> float:
         parts = [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
         linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
         return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
-    assert min(1.05 / (luminance(colour) + 0.05) for colour in COLOURS.values()) >= 4.5
+    def contrast(one: str, other: str) -> float:
+        low, high = sorted((luminance(one), luminance(other)))
+        return (high + 0.05) / (low + 0.05)
+
+    light, dark = (
+        dict(
+            re.findall(
+                r"--([a-z-]+): (#[0-9a-f]{6})", CSS.replace("#fff;", "#ffffff;").partition(start)[2].partition("}")[0]
+            )
+        )
+        for start in (":root {", "body.body--dark {")
+    )
+    inks = {found[1] for ink in INKS.values() if (found := re.fullmatch(r"var\(--([a-z]+)\)", ink))}
+    assert len(inks) == 5
+    for look in (light, dark):
+        grounds = ("ground", "faint", "bad-ground", "wait-ground", "marked", "now")
+        assert min(contrast(look[ink], look[on]) for ink in (*inks, "ink", "soft") for on in grounds) >= 4.5
+        assert contrast(look["on-accent"], look["accent"]) >= 4.5
+    assert {light[INKS[state][6:-1]] for state in COLOURS} == set(COLOURS.values())
 
 
 @pytest.mark.long

@@ -123,6 +123,14 @@ def test_answers_forbid_other_sites_to_frame_the_console_and_pages_to_load_from_
     assert "default-src 'self'" in policy
 
 
+def test_a_page_runs_no_inline_script_but_its_own() -> None:
+    first, second = (run(_answer("GET")).headers["content-security-policy"] for _ in range(2))
+    scripts = next(rule for rule in first.split("; ") if rule.startswith("script-src"))
+    assert "'nonce-" in scripts
+    assert "'unsafe-inline'" not in scripts
+    assert first != second
+
+
 @pytest.mark.parametrize(
     "headers",
     [

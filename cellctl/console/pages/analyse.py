@@ -284,7 +284,7 @@ def _table(found: list[AnalysisState]) -> None:
     if not found:
         ui.label("None yet.").classes("note")
         return
-    columns = words("Data file", "Robot", "State", "Result", "Uploaded (UTC)", "By")
+    columns = words("Data file", "Robot", "State", "Result", "Uploaded", "By")
     figures(columns, map(_row, found), label="Analyses")
 
 

@@ -22,7 +22,7 @@ from cellctl.console.appearance import (
     state_word,
     words,
 )
-from cellctl.console.frame import follow_event, frame, show_problems, with_operator
+from cellctl.console.frame import follow_event, frame, not_there, show_problems, with_operator
 from cellctl.console.jobs import Job
 from cellctl.console.pages.analyse import REPEATABILITY, STATES, names_fields, upload_button, upload_of
 from cellctl.console.shared import console
@@ -270,7 +270,7 @@ async def analyse_one(name: str) -> None:
         shown = await asyncio.to_thread(_read, name)
     except InputError as error:
         with frame("Analysis", "/analyse"):
-            problem_list(error.problems)
+            not_there(error.problems)
             ui.link("All analyses", "/analyse")
         return
     with frame(shown.state.data, "/analyse"):

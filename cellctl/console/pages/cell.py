@@ -13,7 +13,16 @@ from nicegui import ui
 
 from cellctl.clock import calendar_time
 from cellctl.console import commands
-from cellctl.console.appearance import State, StateWord, command_button, link_button, problem_list, section, state_word
+from cellctl.console.appearance import (
+    State,
+    StateWord,
+    command_button,
+    link_button,
+    problem_list,
+    section,
+    shown_time,
+    state_word,
+)
 from cellctl.console.frame import Commands, enable, follow, follow_event, frame, set_text
 from cellctl.console.shared import console
 from cellctl.devices.cell import Cell
@@ -190,13 +199,13 @@ def _chain(state: str, closed: str, opened: str) -> str:
 def _source(state: CellState) -> str:
     if state.run:
         return (
-            f"From run {state.run}, begun {_time(state.at)}: health and latency as of its connection to the devices, "
-            "inputs as of the last border between two steps."
+            f"From run {state.run}, begun {shown_time(state.at)}: health and latency as of its connection to the "
+            "devices, inputs as of the last border between two steps."
         )
     if state.source == "doctor":
-        return f"From the last examination (doctor), {_time(state.at)}, {_age(state.at)} ago. {_NOW_UNKNOWN}"
+        return f"From the last examination (doctor), {shown_time(state.at)}, {_age(state.at)} ago. {_NOW_UNKNOWN}"
     if state.source:
-        when = f"{_time(state.at)}, {_age(state.at)} ago"
+        when = f"{shown_time(state.at)}, {_age(state.at)} ago"
         return f"As the last run on this cell, {state.source}, saw it at its end, {when}. {_NOW_UNKNOWN}"
     return "Not examined yet, and no run was on this cell."
 
@@ -210,7 +219,3 @@ def _age(utc: str) -> str:
     if minutes < 120:
         return f"{minutes} min"
     return f"{minutes // 60} h" if minutes < 48 * 60 else f"{minutes // 1440} days"
-
-
-def _time(utc: str) -> str:
-    return utc.replace("T", " ").replace("Z", " UTC")

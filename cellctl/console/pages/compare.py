@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 from nicegui import ui
 
 from cellctl.console.appearance import (
-    COLOURS,
+    INKS,
     command_button,
     figures,
     look_of_verdict,
@@ -94,7 +94,7 @@ def _facts(found: RunComparison) -> None:
     rows = [[fact.name, fact.a, fact.b, "" if fact.same else "differs"] for fact in found.facts]
     marked = frozenset(number for number, fact in enumerate(found.facts) if not fact.same)
     with section("Set-up").classes("wrapping"):
-        figures(words("", "a", "b", ""), rows, label="Set-up", marked=marked)
+        figures(words("Part", "a", "b", "Difference"), rows, label="Set-up", marked=marked)
 
 
 def _errors(found: RunComparison) -> None:
@@ -110,7 +110,7 @@ def _errors(found: RunComparison) -> None:
     ]
     note = "σ: from the scatter of the errors. It does not contain what all points of a run share."
     with section("Held-out errors, mm", note=note):
-        columns = [*words(""), *numbers("a", "b", "b − a, ± 1 σ"), *words("above 2 σ")]
+        columns = [*words("Error"), *numbers("a", "b", "b − a, ± 1 σ"), *words("above 2 σ")]
         figures(columns, rows, label="Errors")
 
 
@@ -204,7 +204,7 @@ def _series(found: ParameterDrift) -> None:
     with ui.element("div").classes("small-charts"):
         for each in ordered[:_MOST_CHARTS]:
             with ui.element("div").classes("small-chart"):
-                ui.label(f"{each.label}, {each.unit}").style(f"color: {COLOURS['working']}; font-weight: 600")
+                ui.label(f"{each.label}, {each.unit}").style(f"color: {INKS['working']}; font-weight: 600")
                 if each.slope is not None:
                     ui.label(f"trend {_slope(each)} in 30 days{', above 2 σ' if each.drifts else ''}").classes("note")
                 drift_chart(found.runs, each)

@@ -18,14 +18,13 @@ from cellctl.console.appearance import (
     look_of_state,
     look_of_verdict,
     numbers,
-    problem_list,
     section,
     shown_time,
     state_word,
     words,
 )
 from cellctl.console.commands import recompute
-from cellctl.console.frame import JobView, frame, with_operator
+from cellctl.console.frame import JobView, frame, not_there, with_operator
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError
@@ -54,7 +53,7 @@ async def result(name: str) -> None:
         try:
             place = run_named(console().runs, name)
         except InputError as error:
-            problem_list(error.problems)
+            not_there(error.problems)
             return
         row, files = await asyncio.to_thread(lambda: (run_row(place), run_files(place)))
         _verdict(row)
@@ -80,7 +79,7 @@ def _verdict(row: RunSummary) -> None:
 def _facts(row: RunSummary) -> None:
     devices = {name: f"{each.get('model', '')}, serial {each.get('serial', '')}" for name, each in row.devices.items()}
     known = {
-        "Began (UTC)": shown_time(row.began),
+        "Began": shown_time(row.began),
         "Procedure": row.procedure_name or "–",
         "Cell": Path(row.cell or "–").stem,
         "Operator": row.operator or "–",
@@ -102,7 +101,7 @@ def _errors(row: RunSummary) -> None:
         for name, found in (("before", row.before), ("after", row.after))
     ]
     with section("Measured held-out errors", note="After: with the table in force on the controller."):
-        figures([*words(""), *numbers("mean, mm", "RMS, mm", "max, mm")], rows, label="Errors")
+        figures([*words("When"), *numbers("mean, mm", "RMS, mm", "max, mm")], rows, label="Errors")
 
 
 @final

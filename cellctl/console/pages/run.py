@@ -11,15 +11,24 @@ from fastapi import Request
 from fastapi.responses import RedirectResponse
 from nicegui import ui
 
-from cellctl.console.appearance import facts, link_button, problem_list, progress_of, section, sentence_of, state_word
-from cellctl.console.frame import follow, frame, set_text
+from cellctl.console.appearance import (
+    facts,
+    link_button,
+    problem_list,
+    progress_of,
+    section,
+    sentence_of,
+    shown_time,
+    state_word,
+)
+from cellctl.console.frame import follow, frame, not_there, set_text
 from cellctl.console.live import Snapshot
 from cellctl.console.pages.run_parts import RunControls, RunLog, RunTree
 from cellctl.console.scene import SceneContent, Series, scene_of, series_of
 from cellctl.console.scene.charts import ChartsView, charts_view
 from cellctl.console.scene.view import SceneView, scene_view
 from cellctl.console.shared import console
-from cellctl.files import InputError
+from cellctl.files import InputError, Problem
 from cellctl.operations.run_list import is_simulated
 
 _EVERY_S = 0.5
@@ -140,7 +149,10 @@ async def run(name: str, scene: bool = True) -> None:
         try:
             snapshot = await console().live.snapshot(name)
         except InputError as error:
-            problem_list(error.problems)
+            not_there(error.problems)
+            return
+        if not snapshot.folder.is_dir():
+            not_there([Problem(name, 0, 0, "there is no such run in the folder of this console", "choose one of Runs")])
             return
         page = _RunPage(snapshot, scene=scene)
         follow(page.show, name)
@@ -211,7 +223,7 @@ class _RunPage:
                     "Procedure": started.procedure.path,
                     "Cell": started.cell.path,
                     "Parameters": parameters or "none",
-                    "Started": f"{started.calendar.replace('T', ' ').replace('Z', ' UTC')} by {started.operator}",
+                    "Started": f"{shown_time(started.calendar)} by {started.operator}",
                     "Seed, clock": f"{started.seed}, {started.clock}",
                     "Folder": str(snapshot.folder),
                 }

@@ -11,7 +11,7 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cellctl.console import commands
-from cellctl.console.appearance import COLOURS, ICONS, State, command_button, is_pausing, link_button
+from cellctl.console.appearance import ICONS, INKS, State, command_button, is_pausing, link_button
 from cellctl.console.frame import Commands, answer_of, enable, set_text
 from cellctl.console.live import LogLine, Snapshot, whole_log
 from cellctl.engine import ActionName, Operator
@@ -195,7 +195,7 @@ class _Line:
             return
         look = _LOOKS[row.state]
         self._icon.set_name(ICONS[look])
-        self._icon.style(replace=f"color: {COLOURS[look]}")
+        self._icon.style(replace=f"color: {INKS[look]}")
         set_text(self._title, row.title)
         set_text(self._note, row.note)
         set_text(self._progress, row.progress)

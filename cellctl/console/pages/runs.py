@@ -9,7 +9,7 @@ from urllib.parse import quote, urlencode
 
 from nicegui import ui
 
-from cellctl.console.appearance import COLOURS, ICONS, State, look_of_state, look_of_verdict, shown_time
+from cellctl.console.appearance import ICONS, INKS, State, look_of_state, look_of_verdict, shown_time
 from cellctl.console.commands import live_rows
 from cellctl.console.frame import follow, frame
 from cellctl.console.shared import console
@@ -20,7 +20,7 @@ _NUMBER = {"align": "right", "classes": "number", "headerClasses": "number"}
 _TEXT = {"align": "left"}
 _COLUMNS: list[dict[str, Any]] = [
     {"name": "run", "label": "Run", "field": "run", "sortable": True, **_TEXT},
-    {"name": "began", "label": "Began (UTC)", "field": "began", "sortable": True, **_TEXT},
+    {"name": "began", "label": "Began", "field": "began", "sortable": True, **_TEXT},
     {"name": "serial", "label": "Robot", "field": "serial", "sortable": True, **_TEXT},
     {"name": "state", "label": "State", "field": "state", "sortable": True, **_TEXT},
     {"name": "verdict", "label": "Verdict", "field": "verdict", "sortable": True, **_TEXT},
@@ -152,4 +152,4 @@ def _cells(row: RunSummary) -> dict[str, Any]:
 
 
 def _look(state: State) -> dict[str, str]:
-    return {"icon": ICONS[state], "colour": COLOURS[state]}
+    return {"icon": ICONS[state], "colour": INKS[state]}

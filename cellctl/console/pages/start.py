@@ -202,14 +202,15 @@ class _StartPage:
             with section("Parameters", note="Empty or unchanged fields keep the default."):
                 self._fields = ParameterFields(form, load_procedure(form.file), self._changed)
                 self._further()
-            with section("Check and start"):
-                self._about()
+            with section("Check and start").classes("start-part"):
+                self._cautions()
                 with ui.element("div").classes("row"):
                     self._check = command_button("Check", self._on_check, icon="rule")
                     self._start = command_button("Start the run", self._on_start, icon="play_arrow", important=True)
                 self._working = ui.label().classes("note").props("role=status")
                 self._commands = Commands()
                 self._result = ui.element("div").classes("section").props("aria-live=polite")
+                self._about()
         self._changed()
 
     def _further(self) -> None:
@@ -224,7 +225,9 @@ class _StartPage:
         form, cell = self._form, self._cell
         rows = [("Procedure", f"{form.title} ({form.file})"), ("Cell", f"{cell.title}, {_kind(cell)} ({cell.file})")]
         facts([*rows, *(("You will confirm", text) for text in form.confirms)])
-        if cell.simulated is False:
+
+    def _cautions(self) -> None:
+        if self._cell.simulated is False:
             state_word("warning", "The robot of a real cell will move.")
         for what in self._missing:
             state_word("bad", f"This cell does not do for the procedure: it needs {what}. Choose another cell.")

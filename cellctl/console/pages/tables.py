@@ -54,7 +54,7 @@ def difference_words(found: TableDifference) -> None:
             ui.label(f"{len(only)} rows are only in {name}.")
     if found.facts:
         facts = [[name, _value(pair.a), _value(pair.b)] for name, pair in found.facts.items()]
-        figures(words("", found.a.name, found.b.name), facts, label="Facts of the tables")
+        figures(words("Fact", found.a.name, found.b.name), facts, label="Facts of the tables")
     if found.changed:
         _rows(found.changed)
 
@@ -349,7 +349,7 @@ def _in_force(one: ControllerTables) -> None:
         elif last.state == "in force":
             word = f"{short(last.table)} is in force" if last.table else "no table is in force"
             state_word("good" if last.table else "off", word, large=True)
-            ui.label(f"since {shown_time(last.time)} UTC, {last.action} by {_by(last)}").classes("note")
+            ui.label(f"since {shown_time(last.time)}, {last.action} by {_by(last)}").classes("note")
         else:
             state_word("warning", f"{last.action} of {short(last.table)}: {last.state}", large=True)
             ui.label(last.reason or "").classes("note")
@@ -437,7 +437,7 @@ class _Difference:
 
 
 def _history(one: ControllerTables) -> None:
-    columns = [*words("Since (UTC)", "Until", "Table", "Change, by whom"), *numbers("Rows"), *words("State")]
+    columns = [*words("Since", "Until", "Table", "Change, by whom"), *numbers("Rows"), *words("State")]
     rows = [
         [
             shown_time(each.time),

@@ -12,6 +12,7 @@ from typing import Any, final
 import numpy as np
 from nicegui import ui
 
+from cellctl.console.appearance import head_script, head_style
 from cellctl.console.scene._content import read_points
 from cellctl.console.scene.run_points import ROBOTS, Points, Role, SceneRun, Setting, installed_sources
 from cellctl.console.scene.view import CSS
@@ -354,8 +355,8 @@ class ChartsView:
     """The charts on a page. `update` sends the points that changed; a whole chart only with its first points."""
 
     def __init__(self, series: Series) -> None:
-        ui.add_css(CSS)
-        ui.add_head_html(f"<script>{_SCRIPT}</script>")
+        head_style(CSS)
+        head_script(_SCRIPT)
         self._batches: _Chart | None = None
         with ui.element("div").classes("charts-view") as self._place:
             self._residuals = _Chart("Residual by point", residual_options, series)

@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from nicegui import ui
 
-from cellctl.console.appearance import command_button
+from cellctl.console.appearance import command_button, head_style
 from cellctl.console.scene._content import Body, Kind, Posture, SceneContent
 from cellctl.console.scene._drawing import BodyDrawing, RobotDrawing
 from cellctl.console.scene._marks import Legend, PointMarks
@@ -225,7 +225,7 @@ class SceneView:
     """A scene on a page. `update` sends what has changed since the content before."""
 
     def __init__(self, content: SceneContent) -> None:
-        ui.add_css(CSS)
+        head_style(CSS)
         self._content = content
         self._robot: RobotDrawing | None = None
         with ui.element("div").classes("scene-view"):
