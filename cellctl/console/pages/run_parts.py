@@ -256,7 +256,7 @@ class RunLog:
     def __init__(self, snapshot: Snapshot) -> None:
         self._folder, self._last = snapshot.folder, 0
         self._lines: tuple[LogLine, ...] = ()
-        with ui.element("div").classes("row"):
+        with ui.element("div").classes("row no-print"):
             self._kind = ui.select(KINDS, value="", label="Kind", on_change=lambda: self._refill())
             self._kind.props("outlined dense options-dense").style("min-width: 12rem")
             self._text = ui.input("Text", on_change=lambda: self._refill()).props(
