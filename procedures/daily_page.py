@@ -23,7 +23,7 @@ from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
 from cellctl.report import fixed
 from procedures.steps.daily.history import DailyCheck, DailyHistories, DailyHistory
 
-_NONE = "No daily check has finished in this folder of runs. `cellctl run daily_check` makes one."
+_NONE = "No daily check has finished in this folder of runs. Start one: procedure daily_check."
 
 
 @final

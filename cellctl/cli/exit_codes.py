@@ -91,12 +91,13 @@ def _ended_by(error: Exception) -> int:
 
 
 def errors_text(error: InputError) -> str:
-    """The number of errors, the first of them, and the common note."""
+    """The number of errors, the first of them, those alike as one, and the common note."""
     count = len(error.problems)
     lines = [", ".join([f"{count} error{'s' * (count > 1)}", *_notes(error)])]
-    lines += [str(problem) for problem in error.problems[:SHOWN]]
-    if count > SHOWN:
-        lines.append(f"… and {count - SHOWN} more")
+    shown = error.grouped
+    lines += [str(problem) for problem in shown[:SHOWN]]
+    if len(shown) > SHOWN:
+        lines.append(f"… and {len(shown) - SHOWN} more")
     return "\n".join([*lines, *([f"    {error.note}"] if error.note else [])])
 
 

@@ -74,7 +74,7 @@ def progress(campaign: Campaign, folder: Path, *, quiet: bool) -> Iterator[Watch
         TextColumn("{task.fields[left]}"),
     )
     with Progress(*columns, console=console, transient=True, disable=not sys.stdout.isatty()) as bar:
-        yield _Shown(
+        yield RunDisplay(
             console, bar, phase_titles(campaign.procedure, campaign.registry), Passes(campaign.expected_passes)
         )
 
@@ -83,15 +83,16 @@ _GO_ON = "remove the cause, if any, and acknowledge messages of the robot; then 
 
 
 @final
-class _Shown:
+class RunDisplay:
     """Shows events as lines above one bar for the whole run."""
 
     def __init__(self, console: Console, bar: Progress, titles: Mapping[str, str], passes: Passes) -> None:
         self._console, self._bar, self._titles, self._passes = console, bar, titles, passes
         self._task = bar.add_task("starting", total=passes.total or None, left="")
-        self._title, self._tenth = "starting", 0
+        self._title, self._tenth, self._total = "starting", 0, passes.total
 
     def event(self, event: KnownEvent) -> None:
+        """Show what an operator needs of it."""
         match event:
             case DevicesConnected(identities):
                 for name, identity in identities.items():
@@ -114,6 +115,7 @@ class _Shown:
                 pass
 
     def loop(self, path: str, index: int, count: int) -> None:
+        """Show the progress; off a terminal, a line for each tenth."""
         self._passes.loop(path, index, count)
         self._show()
 
@@ -121,8 +123,11 @@ class _Shown:
         done, total, left_s = self._passes.done, self._passes.total, self._passes.left_s
         left = "" if left_s is None else f"{in_minutes(left_s)} left"
         self._bar.update(self._task, description=self._title, completed=done, total=total or None, left=left)
-        if self._bar.disable and total and 10 * done // total > self._tenth:
-            self._tenth = 10 * done // total
+        tenth = 10 * done // total if total else 0
+        if total > self._total:  # a further loop has begun: its tenths count
+            self._total, self._tenth = total, tenth
+        if self._bar.disable and tenth > self._tenth:
+            self._tenth = tenth
             self._console.print(f"  {self._title}: {done} of {total}{', ' + left if left else ''}")
 
 

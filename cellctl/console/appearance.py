@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -10,9 +11,10 @@ from typing import Any, Literal, TypeAlias, final
 
 from nicegui import ui
 
+from cellctl.clock import calendar_time
 from cellctl.console.guarding import nonce_of
 from cellctl.console.live import Snapshot
-from cellctl.files import Problem
+from cellctl.files import Problem, grouped
 from cellctl.operations.run_list import RunEnd, RunSummary
 
 State = Literal["good", "working", "waiting", "warning", "bad", "off", "unknown"]
@@ -94,8 +96,10 @@ def head_style(css: str) -> None:
 
 
 def _nonce() -> str:
-    request = ui.context.client.request
-    return nonce_of(request.scope) if request else ""
+    try:
+        return nonce_of(ui.context.client.request.scope)
+    except RuntimeError:  # a client that no browser asked for
+        return ""
 
 
 def section(title: str, *, note: str = "") -> ui.element:
@@ -163,15 +167,15 @@ def figures(
 def problem_list(problems: Iterable[Problem], line_of: Callable[[Problem], str] | None = None) -> ui.element:
     """Errors, each with place, text and cure. line_of: the line of the file at which a problem is, shown below it."""
     with ui.element("div").props("role=alert") as listed, ui.element("ul").classes("problems"):
-        for problem in problems:
+        for problem in grouped(problems):
             place = f"{problem.file}:{problem.line}" if problem.line else problem.file
             with ui.element("li"):
                 ui.label(place).classes("place")
-                ui.label(problem.what).classes("what")
+                ui.label(in_page_words(problem.what)).classes("what")
                 if line_of and (line := line_of(problem)):
                     ui.label(line.strip()).classes("line")
                 if problem.cure:
-                    ui.label(problem.cure).classes("cure")
+                    ui.label(in_page_words(problem.cure)).classes("cure")
     return listed
 
 
@@ -190,6 +194,30 @@ def link_button(text: str, target: str, *, icon: str = "", download: bool = Fals
             ui.icon(icon).props("aria-hidden=true")
         ui.label(text)
     return link.props("download") if download else link
+
+
+_AGAIN = re.compile(r"`cellctl run [^`]*--resume [^`]*`")
+_COMMAND = re.compile(r"`cellctl ([a-z]+)[^`]*`")
+_IN_PAGES = {
+    **dict.fromkeys(("run", "check"), "the page Start"),
+    **dict.fromkeys(("runs", "compare"), "the page Runs"),
+    **dict.fromkeys(("show", "status", "events"), "the page of the run"),
+    **dict.fromkeys(("report", "replay", "export"), "the result of the run"),
+    **dict.fromkeys(("fit", "import", "analyse", "robots", "compensate"), "the page Analyse"),
+    **dict.fromkeys(("doctor", "cell"), "the page Cell"),
+    "table": "the page Tables",
+    "continue": "the button Continue",
+    "retry": "the button Retry",
+    "confirm": "the button Confirm",
+    "abort": "the button Abort",
+}
+
+
+def in_page_words(text: str) -> str:
+    """A text with pages and buttons in place of commands: `` `cellctl table show` `` is the page Tables."""
+    again = _AGAIN.sub("the button Retry", text)
+    plain = _COMMAND.sub(lambda found: _IN_PAGES.get(found[1], found[0]), again)
+    return plain.replace("say so with --acknowledge", "say so at the button Retry")
 
 
 def escaped(text: str) -> str:
@@ -236,6 +264,11 @@ def shown_time(utc: object, form: str = "%Y-%m-%d %H:%M %Z") -> str:
     return f"{datetime.fromisoformat(str(utc)).astimezone():{form}}" if utc else "–"
 
 
+def local_zone() -> str:
+    """The zone of the console's computer: `CET`."""
+    return shown_time(calendar_time(), "%Z")
+
+
 _ENDS: dict[str, State] = {"aborted": "warning"}
 _NOW: dict[str, tuple[State, str]] = {
     "idle": ("working", "Beginning"),
@@ -250,11 +283,11 @@ _NOW: dict[str, tuple[State, str]] = {
 def sentence_of(now: Snapshot) -> tuple[State, str]:
     """State and sentence of a run: its verdict once there is one, else what it does or how it ended."""
     if now.problem and not now.events:
-        return "bad", now.problem.what
+        return "bad", in_page_words(now.problem.what)
     if now.active:
         return _active(now)
     if end := RunEnd.of(now.folder, now.state, running=False):
-        return _ENDS.get(end.state, "bad"), end.sentence
+        return _ENDS.get(end.state, "bad"), in_page_words(end.sentence)
     if now.sentence:
         return look_of_verdict(now.verdict, "good"), now.sentence
     return "good", "Finished."

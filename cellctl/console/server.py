@@ -15,6 +15,7 @@ from pathlib import Path
 
 from fastapi import FastAPI
 from jinja2 import ChoiceLoader, DictLoader
+from starlette.templating import Jinja2Templates
 from starlette.types import ASGIApp
 
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
@@ -92,14 +93,14 @@ def console_app(console: Console) -> Guard:
     """The whole application: API and pages, guarded."""
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir()) / "cellctl-console"))
     from nicegui import app as pages  # it takes a second, and configures itself
-    from nicegui import ui  # it takes a second, and configures itself
+    from nicegui import client, ui  # it takes a second, and configures itself
 
     app = api_app(console)
     pages.state.openapi = app.openapi
     for name in PAGES:
         import_module(f"cellctl.console.pages.{name}")
     pages.on_startup(lambda: asyncio.to_thread(installed_sources))  # its imports take a second of the first run page
-    _give_nonces()
+    _give_nonces(client.templates)
     ui.run_with(
         app,
         title="cellctl",
@@ -113,13 +114,11 @@ def console_app(console: Console) -> Guard:
     return guarded(app, console)
 
 
-def _give_nonces() -> None:
+def _give_nonces(templates: Jinja2Templates) -> None:
     """Give NiceGUI's own scripts and styles the nonce of their page; what a page adds to its head and body has its own.
 
     The text of the template is changed, never a finished page: there, names of runs could be taken for scripts.
     """
-    from nicegui.client import templates  # it takes a second, and configures itself
-
     loader = templates.env.loader
     assert loader is not None
     text = loader.get_source(templates.env, "index.html")[0]

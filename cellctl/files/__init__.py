@@ -1,7 +1,7 @@
 """Files: strict YAML with positions, canonical JSON, atomic writes."""
 
 from cellctl.files._strict_yaml import Document, Path, load_yaml, parse_yaml
-from cellctl.files.problems import InputError, Problem
+from cellctl.files.problems import InputError, Problem, grouped
 from cellctl.files.writing import canonical_json, is_stream, sha256_of, write_atomically
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "Path",
     "Problem",
     "canonical_json",
+    "grouped",
     "is_stream",
     "load_yaml",
     "parse_yaml",

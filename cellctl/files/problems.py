@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import final
 
 
@@ -46,3 +47,37 @@ class InputError(Exception):
 
     def __str__(self) -> str:
         return "\n".join([*map(str, self.problems), *([f"    {self.note}"] if self.note else [])])
+
+    @property
+    def grouped(self) -> list[Problem]:
+        """The problems, those alike as one: see `grouped`."""
+        return grouped(self.problems)
+
+
+_NUMBER = re.compile(r"[-+−]?\d+(?:\.\d+)?")
+_FEWEST_ALIKE = 4
+"""So many problems that differ in line and figures alone are said as one."""
+
+
+def grouped(problems: Iterable[Problem]) -> list[Problem]:
+    """The problems, those of a file that differ in their lines and figures alone as one: the first, and all lines."""
+    alike: dict[tuple[str, str, str], list[Problem]] = {}
+    for each in problems:
+        alike.setdefault((each.file, _NUMBER.sub("#", each.what), each.cure), []).append(each)
+    found = []
+    for same in alike.values():
+        if len(same) < _FEWEST_ALIKE or not all(each.line for each in same):
+            found += same
+            continue
+        first = same[0]
+        more = f"{first.what}; so in {len(same)} places, lines {_ranges(sorted({each.line for each in same}))}"
+        found.append(replace(first, what=more))
+    return sorted(found, key=lambda each: (each.file, each.line, each.column))
+
+
+def _ranges(lines: Sequence[int]) -> str:
+    """`2–5, 9`; lines: ascending."""
+    ends = [(line, line) for line in lines[:1]]
+    for line in lines[1:]:
+        ends[-1:] = [(ends[-1][0], line)] if line == ends[-1][1] + 1 else [ends[-1], (line, line)]
+    return ", ".join(str(first) if first == last else f"{first}–{last}" for first, last in ends)

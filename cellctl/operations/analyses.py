@@ -430,7 +430,8 @@ def _fitted(progress: Progress) -> Outcome:
     progress("writing model and report", 0.98)
     model = found.model()
     model.save(Path(MODEL))
-    write_atomically(Path(REPORT), found.page(record.library or record.robot, record.data))
+    uploaded = f"{record.created} by {record.operator}"
+    write_atomically(Path(REPORT), found.page(record.library or record.robot, record.data, uploaded))
     write_json(Path(FIT), found.report)
     return Outcome.of(found.report["verdict"], found.report["sentence"], _urdf(model))
 

@@ -194,11 +194,12 @@ class Fitted:
         given = self.given
         return ModelFile.of(self.measured.robot, self.measured, self.result, given.hashes, given.prior)
 
-    def page(self, robot: str, data: str) -> str:
-        """The report as an HTML page; `robot`, `data`: names of these files on it."""
+    def page(self, robot: str, data: str, uploaded: str = "") -> str:
+        """The report as an HTML page; `robot`, `data`: names of these files on it; uploaded: when and by whom."""
         from cellctl.report.fit.page import fit_page  # here: matplotlib takes a second, and few fits draw a page
 
         sources = {"robot file": robot, "data set": f"{data}, SHA-256 {self.given.data.sha256[:12]}…"}
+        sources |= {"uploaded": uploaded} if uploaded else {}
         return fit_page(FitStory.of(self.measured, self.result, self.split, self.report, sources))
 
 

@@ -205,7 +205,8 @@ def _end_each(entries: list[Entry]) -> None:
     effective = [entry for entry in entries if entry.result != "not in force"]
     for old, new in pairwise(effective):
         if new.begin.replaced not in old.reported:
-            old.why_out = f"not by a recorded change: {short(new.begin.replaced)} was in force before the next one"
+            found = f"table {short(new.begin.replaced)}" if new.begin.replaced else "no table"
+            old.why_out = f"changed outside of cellctl: the controller had {found} in force before the next change"
         else:
             old.why_out = _why_out(new)
         old.until = new.begin.time

@@ -10,8 +10,8 @@ from typing import Any, final
 
 from cellctl.files import Document, InputError, Problem
 from cellctl.procedure._steps import AnyStepKind, CellContext, StepDescription
-from cellctl.procedure.model import Procedure, Step
-from cellctl.procedure.references import UNKNOWN, Reference, known_part
+from cellctl.procedure.model import Loop, Procedure, Step, walk
+from cellctl.procedure.references import UNKNOWN, Reference, known_part, references_in
 from cellctl.procedure.registry import StepRegistry
 
 
@@ -36,8 +36,15 @@ def expected_passes(procedure: Procedure, parameters: Mapping[str, Any], registr
         kind = registry.describe(action.do) if isinstance(action, Step) else None
         if isinstance(action, Step) and kind and kind.expects:
             with _own_mistakes(procedure, action, "expects"):
-                total += kind.expects(_known(action, kind, parameters))
+                total += kind.expects(_known(action, kind, parameters)) * _times(procedure, action.id)
     return total
+
+
+def _times(procedure: Procedure, step: str) -> int:
+    """How many loops have the one list that loops take from the results of `step`; 1 where they take several lists."""
+    loops = (action for action in walk((*procedure.steps, *procedure.cleanup)) if isinstance(action, Loop))
+    lists = [reference for loop in loops for _, reference in references_in(loop.for_each) if reference.name == step]
+    return len(lists) if len(set(map(str, lists))) == 1 else 1
 
 
 def check_cell(

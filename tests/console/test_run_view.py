@@ -7,17 +7,21 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.console.appearance import is_pausing, progress_of, sentence_of
+from cellctl.console.appearance import in_page_words, is_pausing, progress_of, sentence_of
 from cellctl.console.live import LiveRun, Snapshot
-from cellctl.console.live._run import LogLine
+from cellctl.console.live._run import LogLine, LogLines
 from cellctl.console.pages.run_parts import can_retry, rows_of
 from cellctl.console.pages.run_parts import text_of as line_text
 from cellctl.console.pages.start import limits_of, text_of
 from cellctl.engine.step_tree import NodeState
 from cellctl.journal import (
+    Entry,
     OperatorAction,
     Outcome,
     RunEnded,
+    RunStarted,
+    Said,
+    SourceFile,
     StateChanged,
     StepEnded,
     StepFailure,
@@ -27,7 +31,7 @@ from cellctl.journal import (
 from cellctl.procedure import Parameter, ParameterType
 from tests.helpers.engine import WrittenRun, registry
 
-AGAIN = "ontinue it with `cellctl run test.yaml --resume run-1`"
+AGAIN = "ontinue it with the button Retry"
 HELD = "The robot is held. 0 measurements are recorded."
 
 
@@ -85,8 +89,7 @@ def test_a_pause_shows_from_the_click_on_and_a_refused_one_does_not(run: Written
             "",
             (
                 "bad",
-                "Uncertain state, look at the cell: the clean-up did not succeed. "
-                f"C{AGAIN.replace('run-1', 'run-1 --acknowledge')}. {HELD}",
+                f"Uncertain state, look at the cell: the clean-up did not succeed. C{AGAIN}. {HELD}",
             ),
         ),
     ],
@@ -124,7 +127,28 @@ def test_the_tree_of_a_long_run_lists_the_current_pass_and_the_failed_ones_only(
 
 def test_a_line_of_the_log_keeps_its_columns_and_names_the_operator() -> None:
     line = line_text(LogLine(7, 12.34, "operator", "abort: loose\nsphere", "Ada"))
-    assert line == "      12.3 s  operator  Ada: abort: loose\n" + 24 * " " + "sphere"
+    assert line == 9 * " " + "     12.3 s  operator  Ada: abort: loose\n" + 33 * " " + "sphere"
+
+
+def test_the_log_has_clock_times_in_real_time_and_of_what_states_one_in_lockstep() -> None:
+    def clocks(clock: str) -> list[str]:
+        source = SourceFile("a", "a", "0")
+        started = RunStarted(source, source, {}, 1, clock, "me", "2026-11-22T10:00:00Z", "0", {})
+        acted = OperatorAction("pause", "Ada", calendar="2026-11-22T10:00:05Z")
+        lines = LogLines()
+        events = (started, Said("moved", ""), acted)
+        found = [lines.of(Entry(seq, (100 + seq) * 10**9, event)) for seq, event in enumerate(events)]
+        return [line.clock[11:19] for line in found if line]
+
+    assert clocks("realtime") == ["10:00:00", "10:00:01", "10:00:02"]
+    assert clocks("lockstep") == ["10:00:00", "", "10:00:05"]
+
+
+def test_a_page_names_pages_and_buttons_in_place_of_commands() -> None:
+    assert (
+        in_page_words("look with `cellctl table show CELL`; `cellctl krl`")
+        == "look with the page Tables; `cellctl krl`"
+    )
 
 
 def test_limits_and_defaults_are_written_as_an_operator_types_them() -> None:

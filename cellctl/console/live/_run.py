@@ -10,6 +10,7 @@ import logging
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from itertools import islice
 from pathlib import Path
 from typing import Literal, final
@@ -173,7 +174,10 @@ LogKind = Literal["message", "state", "operator", "interlock", "failure", "devic
 @final
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """A line of the log. `seq`: of its event; `time_s`: of the cell's time, s; `who`: an operator, else empty."""
+    """A line of the log. `seq`: of its event; `time_s`: of the cell's time, s; `who`: an operator, else empty.
+
+    `clock`: calendar time, UTC, ISO 8601; empty where the event states none and the cell's time is not real time.
+    """
 
     seq: int
     time_s: float
@@ -181,14 +185,36 @@ class LogLine:
     text: str
     who: str = ""
     step: str = ""
+    clock: str = ""
 
     def fits(self, kind: str, text: str) -> bool:
         """Whether the line is of this kind and has this text in line, step or person; empty: any."""
         return kind in ("", self.kind) and text.casefold() in f"{self.text} {self.who} {self.step}".casefold()
 
 
-def log_line(entry: Entry) -> LogLine | None:
-    """The line for an event; None for events that the log leaves out, such as measured rows."""
+@final
+class LogLines:
+    """The lines of a run's log, event by event."""
+
+    def __init__(self) -> None:
+        self._began: tuple[datetime, int] | None = None
+
+    def of(self, entry: Entry) -> LogLine | None:
+        """The line for an event; None for events that the log leaves out, such as measured rows."""
+        calendar = str(getattr(entry.event, "calendar", ""))
+        if isinstance(entry.event, RunStarted | RunResumed) and calendar:
+            realtime = getattr(entry.event, "clock", "realtime" if self._began else "") == "realtime"
+            self._began = (datetime.fromisoformat(calendar), entry.time_ns) if realtime else None
+        line = _log_line(entry)
+        if line is None:
+            return None
+        if self._began:
+            since = timedelta(microseconds=(entry.time_ns - self._began[1]) / 1000)
+            calendar = (self._began[0] + since).isoformat()
+        return replace(line, clock=calendar)
+
+
+def _log_line(entry: Entry) -> LogLine | None:
     found = _text(entry.event)
     if found is None:
         return None
@@ -200,7 +226,7 @@ def log_line(entry: Entry) -> LogLine | None:
 
 def whole_log(run_folder: Path) -> tuple[LogLine, ...]:
     """All lines of a run; reads its whole journal. Raises JournalError."""
-    lines = (log_line(entry) for entry in read_journal(run_folder))
+    lines = map(LogLines().of, read_journal(run_folder))
     return tuple(line for line in lines if line is not None)
 
 
@@ -325,6 +351,7 @@ class LiveRun:
         self._found = Found((), None, None)
         self._progress = RunProgress(lambda _: self._found.known)
         self._log: deque[LogLine] = deque(maxlen=_LINES)
+        self._lines = LogLines()
         self._verdicts: list[RecordedRow] = []
         self._broken = False
 
@@ -332,7 +359,7 @@ class LiveRun:
         self._progress.apply(entry)
         if isinstance(entry.event, Recorded) and entry.event.row_kind == VerdictRow.KIND:
             self._verdicts.append(self._progress.state.rows[-1])
-        line = log_line(entry)
+        line = self._lines.of(entry)
         if line:
             self._log.append(line)
 

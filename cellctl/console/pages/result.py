@@ -14,6 +14,7 @@ from cellctl.console.appearance import (
     command_button,
     facts,
     figures,
+    in_page_words,
     link_button,
     look_of_state,
     look_of_verdict,
@@ -71,7 +72,7 @@ def _verdict(row: RunSummary) -> None:
         if row.verdict:
             state_word(look_of_verdict(row.verdict), row.verdict, large=True)
     with ui.element("div"):
-        ui.label(row.sentence or row.reason or "This run has no verdict.")
+        ui.label(in_page_words(row.sentence or row.reason or "This run has no verdict."))
         for line in row.lines:
             ui.label(line).classes("note")
 
@@ -86,7 +87,7 @@ def _facts(row: RunSummary) -> None:
         **devices,
         "Points": "–" if row.points is None else str(row.points),
         "Time of the cell": f"{row.cell_s / 60.0:.1f} min" if row.cell_s else "–",
-        "Table": row.table_words or "none was pushed",
+        "Table": in_page_words(row.table_words or "none was pushed"),
     }
     with section("Run"):
         facts(known)

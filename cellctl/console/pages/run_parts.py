@@ -11,7 +11,16 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cellctl.console import commands
-from cellctl.console.appearance import ICONS, INKS, State, command_button, is_pausing, link_button
+from cellctl.console.appearance import (
+    ICONS,
+    INKS,
+    State,
+    command_button,
+    is_pausing,
+    link_button,
+    local_zone,
+    shown_time,
+)
 from cellctl.console.frame import Commands, answer_of, enable, set_text
 from cellctl.console.live import LogLine, Snapshot, whole_log
 from cellctl.engine import ActionName, Operator
@@ -265,6 +274,7 @@ class RunLog:
             command_button("Search the whole log", self._search_all, icon="manage_search")
             self._found = ui.label().classes("note").props("role=status")
         self._problems = Commands()
+        ui.label(f"Clock time ({local_zone()}) where it is known, then the time of the cell.").classes("note")
         self._log = ui.log(max_lines=_SHOWN).classes("run-log").props('role=log tabindex=0 aria-label="Log of the run"')
 
     def show(self, now: Snapshot) -> None:
@@ -304,7 +314,8 @@ class RunLog:
 
 
 def text_of(line: LogLine) -> str:
-    """A line of the log: time of the cell (s), kind, who, text; further lines of the text indented."""
+    """A line of the log: clock time, time of the cell (s), kind, who, text; further lines of the text indented."""
     who = f"{line.who}: " if line.who and line.kind == "operator" else ""
-    text = line.text.replace("\n", "\n" + " " * 24)
-    return f"{line.time_s:10.1f} s  {line.kind:<10}{who}{text}"
+    text = line.text.replace("\n", "\n" + " " * 33)
+    clock = shown_time(line.clock, "%H:%M:%S") if line.clock else ""
+    return f"{clock:8} {line.time_s:9.1f} s  {line.kind:<10}{who}{text}"

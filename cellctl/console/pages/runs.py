@@ -9,7 +9,16 @@ from urllib.parse import quote, urlencode
 
 from nicegui import ui
 
-from cellctl.console.appearance import ICONS, INKS, State, look_of_state, look_of_verdict, shown_time
+from cellctl.console.appearance import (
+    ICONS,
+    INKS,
+    State,
+    look_of_state,
+    look_of_verdict,
+    progress_of,
+    sentence_of,
+    shown_time,
+)
 from cellctl.console.commands import live_rows
 from cellctl.console.frame import follow, frame
 from cellctl.console.shared import console
@@ -23,7 +32,7 @@ _COLUMNS: list[dict[str, Any]] = [
     {"name": "began", "label": "Began", "field": "began", "sortable": True, **_TEXT},
     {"name": "serial", "label": "Robot", "field": "serial", "sortable": True, **_TEXT},
     {"name": "state", "label": "State", "field": "state", "sortable": True, **_TEXT},
-    {"name": "verdict", "label": "Verdict", "field": "verdict", "sortable": True, **_TEXT},
+    {"name": "verdict", "label": "Verdict, or progress", "field": "verdict", "sortable": True, **_TEXT},
     {"name": "points", "label": "Points", "field": "points", "sortable": True, **_NUMBER},
     {"name": "before", "label": "Before, mm", "field": "before", "sortable": True, **_NUMBER},
     {"name": "after", "label": "After, mm", "field": "after", "sortable": True, **_NUMBER},
@@ -79,7 +88,8 @@ class _RunList:
 
     def show(self) -> None:
         """Show the runs as they are now; sends nothing if no row has changed."""
-        now = (console().live.rows, console().live.reading)
+        live = console().live
+        now = (live.rows, live.reading, [live.run(name).snapshot.version for name in live.active])
         if now != self._seen:
             self._seen, self._rows = now, live_rows()
             self._show()
@@ -112,7 +122,7 @@ class _RunList:
 
     def _show(self) -> None:
         found = [row for row in self._rows if self._asked.keeps(row)]
-        cells = [_cells(row) for row in found]
+        cells = [_cells(row) | _progress(row) for row in found]
         if cells != self._table.rows:
             self._table.rows = cells
         kept = [row for row in self._table.rows if row["run"] in self._chosen()]
@@ -149,6 +159,17 @@ def _cells(row: RunSummary) -> dict[str, Any]:
         "after": fixed(row.after and row.after.mean),
         "table": row.table_state or "–",
     }
+
+
+def _progress(row: RunSummary) -> dict[str, Any]:
+    """Of a run in progress, what it does in place of its state, and its progress in place of a verdict."""
+    if row.run not in console().live.active:
+        return {}
+    now = console().live.run(row.run).snapshot
+    state, sentence = sentence_of(now)
+    _, progress = progress_of(now)
+    doing = sentence.partition(": ")[0].rstrip(".… ") if now.events else row.state
+    return {"state": doing, "state_look": _look(state), "verdict": progress, "verdict_look": _look(state)}
 
 
 def _look(state: State) -> dict[str, str]:

@@ -321,7 +321,7 @@ class _Tables:
         self._area.clear()
         if not self._found:
             with self._area:
-                ui.label("No table is here yet: a campaign makes one, and `cellctl compensate`.")
+                ui.label("No table is here yet: a campaign makes one.")
             return
         serials = [each.serial for each in self._found]
         one = next((each for each in self._found if each.serial == self._serial), self._found[0])

@@ -1,5 +1,12 @@
 """One time left for a whole run: from what its steps expect, and from the pace of what was done."""
 
+import io
+from types import SimpleNamespace
+from typing import Any
+
+from rich.console import Console
+
+from cellctl.cli.run_progress import RunDisplay
 from cellctl.engine import Passes
 from cellctl.operations.campaign import load_campaign
 from cellctl.procedure import phase_titles
@@ -43,3 +50,15 @@ def test_the_shipped_campaign_says_how_much_there_is_to_do_in_readable_phases():
     assert titles["touch"] == "Touch the spheres"
     assert titles["locate"] == "Locate the proof sphere"
     assert titles["identify"] == "identifying the robot"
+
+
+def test_a_second_loop_over_the_same_list_is_shown_as_the_first_was(tmp_path):
+    told = io.StringIO()
+    bar: Any = SimpleNamespace(add_task=lambda *_, **__: 0, update=lambda *_, **__: None, disable=True)
+    shown = RunDisplay(Console(file=told), bar, {}, Passes(20))
+    for path in ("there", "back"):
+        for index in range(21):
+            shown.loop(path, index, 20)
+    lines = [line.split(":")[1].strip() for line in told.getvalue().splitlines()]
+    assert (lines[9], lines[-1]) == ("20 of 20", "40 of 40")
+    assert len(lines) >= 14
