@@ -21,10 +21,10 @@ from cellctl.operations.replay import Agreement, ArtefactReplay, FolderFile, Rep
 from cellctl.operations.results import as_json
 from cellctl.operations.run_list import RunFilter, RunSummary, run_rows, run_summary
 from cellctl.report import FILE_NAME, write_report
-from cellctl.report.figures import agreement_lines, fixed, with_sigma
+from cellctl.report.figures import acceptance_words, agreement_lines, fixed, with_sigma
 
-_COLUMNS = ["run", "began", "state", "points", "verdict", "table"]
-_KEYS = ("run", "began", "state", "points", "verdict", "table_state")
+_COLUMNS = ["run", "began", "state", "points", "verdict", "acceptance", "table"]
+_KEYS = ("run", "began", "state", "points", "verdict", "accepted", "table_state")
 
 
 def runs(
@@ -138,6 +138,8 @@ def _run_lines(summary: RunSummary, state: RunState) -> list[str]:
     lines.append(f"  points     {summary.points} measured; {attempts}")
     if summary.verdict:
         lines.append(f"  verdict    {summary.verdict}: {summary.sentence}")
+    if summary.acceptance:
+        lines.append(f"  acceptance {acceptance_words(summary.acceptance)}")
     if summary.table_words:
         lines.append(f"  table      {summary.table_words}")
     lines += [f"  {line}" for line in summary.lines]

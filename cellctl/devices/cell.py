@@ -62,6 +62,7 @@ class _CellModel(BaseModel):
     currents: dict[str, Any] | None = None
     load: dict[str, Any] | None = None
     report: ReportFacts | None = None
+    acceptance: list[AcceptanceCriterion] = Field(default_factory=list)
     simulate: _Simulate | None = None
 
 
@@ -107,6 +108,7 @@ class Cell:
             problems.append(document.problem(("model",), what, f"check the path, or {near(Path(model.model).stem)}"))
         problems += _table_limits(document, model)
         problems += unknown_instruments(document, model.report or ReportFacts(), addresses)
+        problems += _two_limits(document, model)
         for name in model.limits.keys() - addresses.keys() - {TABLE}:
             problems.append(document.problem(("limits", name), f"limits for '{name}', which is no device", key=True))
         if problems:
@@ -185,6 +187,7 @@ class Calibrated(BaseModel):
 class ReportFacts(BaseModel):
     """Customer, site, order and operator; "" where they are not stated. limit_mm: the acceptance limit of an error.
 
+    laboratory, responsible, country: who calibrates, who answers for it, where (ISO 3166-1), for a certificate.
     calibrated: device name, or `artefact` → its last calibration. sigma_mm: source → standard uncertainty (type B) of a
     measured error, mm: along the normal for touches, 3-D for points; `artefact` and `temperature` among the sources.
     """
@@ -194,9 +197,34 @@ class ReportFacts(BaseModel):
     site: str = ""
     order: str = ""
     operator: str = ""
+    laboratory: str = ""
+    responsible: str = ""
+    country: Annotated[str, Field(pattern="^([A-Z]{2})?$")] = ""
     limit_mm: Annotated[float, Field(allow_inf_nan=False, gt=0)] | None = None
     calibrated: dict[str, Calibrated] = {}
     sigma_mm: dict[str, _Sigma] = {}
+
+
+@final
+class AcceptanceCriterion(BaseModel):
+    """A limit of measured held-out errors, mm, for a `procedure` (its name) and a `robot` (serial); "": for any.
+
+    measurand: their mean, 95 % quantile or maximum. guard: the guard band in units of its expanded uncertainty U.
+    """
+
+    model_config = _STRICT
+    limit_mm: Annotated[float, Field(allow_inf_nan=False, gt=0)]
+    measurand: Literal["mean", "quantile_95", "maximum"] = "maximum"
+    guard: Annotated[float, Field(allow_inf_nan=False, ge=0, le=3)] = 1.0
+    procedure: str = ""
+    robot: str = ""
+
+
+def _two_limits(document: Document, model: _CellModel) -> list[Problem]:
+    if not (model.acceptance and model.report and model.report.limit_mm):
+        return []
+    what, cure = "`acceptance:` states the limit already", "leave `limit_mm` out"
+    return [document.problem(("report", "limit_mm"), what, cure, key=True)]
 
 
 def unknown_instruments(document: Document, facts: ReportFacts, devices: Collection[str]) -> list[Problem]:

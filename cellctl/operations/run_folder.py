@@ -79,7 +79,10 @@ def table_line(state: RunState, folder: Path, *, only_unproved: bool = False) ->
 _LONGEST = 255
 """Bytes of a file's name."""
 
+ACCEPTANCE_NAME = "acceptance.json"
+
 _WORDS = {
+    ACCEPTANCE_NAME: "decision on the acceptance limit",
     "dataset.csv": "measurements of the fit and the held-out ones",
     FILE_NAME: "the record of the run",
     "model.json": "the identified robot",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from pydantic import SerializerFunctionWrapHandler, model_serializer
 from cellctl.files import InputError
 from cellctl.journal import JournalError, Outcome, RunEnded, RunResult, RunState, fold, read_journal, writer_of
 from cellctl.journal.journal_file import FILE_NAME
-from cellctl.operations.run_folder import OUTPUT_NAME, never_began, table_line
+from cellctl.operations.run_folder import ACCEPTANCE_NAME, OUTPUT_NAME, never_began, table_line
 from cellctl.records import Figures, Json
 
 _FAILED = (Outcome.FAILED, Outcome.TIMED_OUT)
@@ -136,7 +137,8 @@ class RunSummary:
 
     Of an unreadable run `run`, `began`, `state` (`unreadable`) and `sentence` are known; of one without a journal
     (`not begun`) `procedure`, `problem` and `cure` too. began: UTC, ISO 8601. procedure, cell: paths of the files.
-    devices: identities by name. before, after: measured held-out errors, mm. table: the one that was pushed.
+    devices: identities by name. before, after: measured held-out errors, mm. acceptance: the decision on
+    their limit, as the report in the folder states it; None without a limit or report. table: the one that was pushed.
     section: what only this kind of campaign has. cell_s: duration in the cell's time, s.
     """
 
@@ -153,6 +155,7 @@ class RunSummary:
     verdict: str | None = None
     before: Figures | None = None
     after: Figures | None = None
+    acceptance: Mapping[str, Json] | None = None
     table: Mapping[str, Json] | None = None
     sentence: str | None = None
     problem: str | None = None
@@ -181,6 +184,11 @@ class RunSummary:
         return str(self.devices.get(ROBOT, {}).get("serial", ""))
 
     @property
+    def accepted(self) -> str:
+        """The decision on the acceptance limit: `accepted`, `rejected` or `no decision`; empty without one."""
+        return str((self.acceptance or {}).get("decision", ""))
+
+    @property
     def procedure_name(self) -> str:
         """Name of the run's procedure: its file's, without suffix; empty without one."""
         return Path(self.procedure or "").stem
@@ -206,6 +214,7 @@ def run_summary(place: Path, state: RunState) -> RunSummary:
         verdict=result.verdict,
         before=result.before,
         after=result.after,
+        acceptance=_acceptance(place, state.last_seq),
         table=result.table_data,
         sentence=result.sentence or (end.sentence if end else None),
         problem=end.problem if end else None,
@@ -220,6 +229,16 @@ def run_summary(place: Path, state: RunState) -> RunSummary:
         seed=started.seed if started else None,
         clock=started.clock if started else None,
     )
+
+
+def _acceptance(place: Path, last_event: int) -> Mapping[str, Json] | None:
+    """From the file beside the report, unless the run went on since."""
+    try:
+        content = json.loads((place / ACCEPTANCE_NAME).read_bytes())
+        decided = content.pop("last_event") == last_event
+    except (OSError, ValueError, AttributeError, TypeError, KeyError):
+        return None
+    return content if decided else None
 
 
 _RUN = re.compile(r".+-\d{8}T\d{6}Z(-\d+)?")
@@ -305,6 +324,6 @@ def _same(asked: str, found: str | None) -> bool:
 
 def _text(row: RunSummary) -> str:
     own = (row.run, row.began, row.procedure, row.cell, row.operator, row.state, row.verdict, row.sentence)
-    table = (row.table_state, (row.table or {}).get("id"))
+    table = (row.accepted, row.table_state, (row.table or {}).get("id"))
     devices = (part for device in row.devices.values() for part in device.values())
     return " ".join(str(part) for part in (*own, *table, *devices) if part).casefold()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -16,8 +17,9 @@ from cellctl.files import InputError, write_atomically
 from cellctl.installed import contributions
 from cellctl.records import Row
 from cellctl.report._run import Run
-from cellctl.report._summary import summary
-from cellctl.report.budget import FIGURES, Contribution, Sigma
+from cellctl.report._summary import budget_of, summary
+from cellctl.report.acceptance import Acceptance, acceptance
+from cellctl.report.budget import FIGURES, Budget, Contribution, Sigma
 from cellctl.report.drawing import Picture, collected_pictures
 from cellctl.version import __version__
 
@@ -56,7 +58,8 @@ class ReportSection:
     section is left out if the run lacks rows of one of them. build: from the run, the template's data; None
     if there is nothing to show. template: Jinja text; it may include and import the templates of `cellctl.report`.
     error_lines: lines for the table of errors at the top (`cellctl.report.figures.error_line`). environment: name and
-    text of each recorded condition. contributions: to the uncertainty budget, of what the section knows.
+    text of each recorded condition. contributions: to the uncertainty budget, of what the section knows. errors: the
+    measured errors, mm, whose figures are the verdict's `after`, if the section has them.
     sigmas: each σ that the section shows.
     """
 
@@ -69,6 +72,7 @@ class ReportSection:
     error_lines: Callable[[Run], Sequence[Mapping[str, Any]]] = field(default=lambda _: ())
     environment: Callable[[Run], Mapping[str, str]] = field(default=lambda _: {})
     contributions: Callable[[Run], Sequence[Contribution]] = field(default=lambda _: ())
+    errors: Callable[[Run], Sequence[float]] = field(default=lambda _: ())
     sigmas: tuple[Sigma, ...] = ()
 
     def serves(self, run: Run) -> bool:
@@ -106,18 +110,24 @@ def template_text(package: str, name: str) -> str:
 
 
 FILE_NAME = "report.html"
+ACCEPTANCE_NAME = "acceptance.json"
 
 
 def write_report(run: Path, target: Path | None = None, facts: Mapping[str, Any] | None = None) -> Path:
     """Write the report of a run (its folder or journal) to `target`, or `report.html` in its folder; returns the path.
 
-    facts: fields of `ReportFacts` that replace those of the cell file.
+    facts: fields of `ReportFacts` that replace those of the cell file. With the report in the folder goes the decision
+    on the run's limit, which the lists of runs show, if a limit is stated.
 
-    Raises JournalError if the journal cannot be read, OSError if the file cannot be written.
+    Raises JournalError if the journal cannot be read, OSError if a file cannot be written.
     """
     loaded = Run.load(run).with_facts(facts or {})
     path = target or loaded.folder / FILE_NAME
-    write_atomically(path, render(loaded))
+    text, accepted = _rendered(loaded, Sections.installed())
+    write_atomically(path, text)
+    if target is None and loaded.criterion is not None:
+        content = {**accepted.to_json(), "last_event": loaded.state.last_seq}
+        write_atomically(loaded.folder / ACCEPTANCE_NAME, f"{json.dumps(content, indent=2)}\n")
     return path
 
 
@@ -141,19 +151,21 @@ def render(run: Run, sections: Sections | None = None) -> str:
 
     sections: by default the installed ones. A failed section is named, and the others are shown.
     """
-    found = sections or Sections.installed()
+    return _rendered(run, sections or Sections.installed())[0]
+
+
+def _rendered(run: Run, found: Sections) -> tuple[str, Acceptance]:
     complaints = [*run.complaints, *found.broken]
     shown: list[Mapping[str, str]] = []
     lines: list[Mapping[str, Any]] = []
     environment: dict[str, str] = {}
-    contributions: list[Contribution] = []
     sigmas: list[Sigma] = []
     for section in found.usable:
         try:
             text = _text(section, run)
             if text is None:
                 continue
-            added = list(section.error_lines(run)), section.environment(run), list(section.contributions(run))
+            added = list(section.error_lines(run)), section.environment(run)
         except InputError as error:
             complaints += [f"section '{section.id}': {problem}" for problem in error.problems]
         except Exception as error:  # the code of another package may raise anything
@@ -161,18 +173,43 @@ def render(run: Run, sections: Sections | None = None) -> str:
         else:
             lines += added[0]
             environment |= added[1]
-            contributions += added[2]
             shown.append({"id": section.id, "title": section.title, "text": text})
             sigmas += section.sigmas
-    return template("report.html").render(
+    budget, accepted = assessed(run, found, complaints)
+    text = template("report.html").render(
         run=run,
         complaints=list(dict.fromkeys(complaints)),
         lines=lines,
-        s=summary(run, environment, contributions),
+        s=summary(run, environment, budget, accepted),
         sections=shown,
         sigmas=[*(FIGURES if lines else ()), *dict.fromkeys(sigmas)],
         version=__version__,
     )
+    return text, accepted
+
+
+def assessed(run: Run, sections: Sections, complaints: list[str]) -> tuple[Budget | None, Acceptance]:
+    """The budget of a measured error, and the decision on the run's limit; sections that failed are complaints."""
+    contributions: list[Contribution] = []
+    errors: list[Sequence[float]] = []
+    for section in sections.usable:
+        try:
+            if section.serves(run):
+                contributions += section.contributions(run)
+                errors.append(section.errors(run))
+        except Exception as error:  # the code of another package, and its damaged rows, may raise anything
+            complaints.append(f"section '{section.id}' has no uncertainties: {type(error).__name__}: {error}")
+    budget = budget_of(run, contributions)
+    return budget, acceptance(run, budget, errors)
+
+
+def accepted_run(run: Path, facts: Mapping[str, Any] | None = None) -> tuple[Run, Budget | None, Acceptance]:
+    """The run in its folder, with `facts` in place of the cell file's, its budget, and the decision on its limit.
+
+    Raises JournalError if the journal cannot be read.
+    """
+    loaded = Run.load(run).with_facts(facts or {})
+    return loaded, *assessed(loaded, Sections.installed(), [])
 
 
 def _text(section: ReportSection, run: Run) -> str | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self, TypeVar, final
 
-from cellctl.devices.cell import ReportFacts
+from cellctl.devices.cell import AcceptanceCriterion, ReportFacts
 from cellctl.files import Document, InputError, parse_yaml, sha256_of
 from cellctl.files.validated import validated
 from cellctl.formats import Artefact, DataSet, ModelFile, artefact_of
@@ -24,8 +24,9 @@ class Run:
     """The data of a run.
 
     cell, artefact: from the cell's text in the journal. table: the table file's content. hashes: SHA-256 of the files
-    beside the journal. verdict: the last; None if the run has none. facts: the cell file's `report:`. journal: what its
-    digests say. complaints: unreadable and inconsistent files, changes of the journal, as text.
+    beside the journal. verdict: the last; None if the run has none. facts: the cell file's `report:`. criteria: its
+    `acceptance:`. journal: what its digests say. complaints: unreadable and inconsistent files, changes of the journal,
+    as text.
     """
 
     folder: Path
@@ -40,6 +41,7 @@ class Run:
     verdict: VerdictRow | None
     facts: ReportFacts
     journal: JournalCheck
+    criteria: tuple[AcceptanceCriterion, ...]
     complaints: tuple[str, ...]
 
     @classmethod
@@ -65,6 +67,7 @@ class Run:
             verdict=_tried(lambda: state.last(VerdictRow), complaints),
             facts=_tried(lambda: _facts(cell), complaints) or ReportFacts(),
             journal=check_journal(place),
+            criteria=_tried(lambda: _criteria(cell), complaints) or (),
             complaints=(),
         )
         changed = (f"the journal was changed after the run: {text}" for text in run.journal.changed)
@@ -73,6 +76,17 @@ class Run:
     def with_facts(self, facts: Mapping[str, Any]) -> Self:
         """The run with these fields of its `facts` replaced."""
         return replace(self, facts=self.facts.model_copy(update=dict(facts)))
+
+    @property
+    def criterion(self) -> AcceptanceCriterion | None:
+        """The first that is for this procedure and robot, with the limit of the `facts` if they have one."""
+        started, serial = self.state.started, str(self.state.identities.get("robot", {}).get("serial", ""))
+        procedure = Path(started.procedure.path).stem if started else ""
+        limit = self.facts.limit_mm
+        for each in self.criteria:
+            if each.procedure in ("", procedure) and each.robot in ("", serial):
+                return each if limit is None else each.model_copy(update={"limit_mm": limit})
+        return None if limit is None else AcceptanceCriterion(limit_mm=limit)
 
     @property
     def name(self) -> str:
@@ -121,6 +135,13 @@ def _cell(state: RunState) -> Document | None:
 def _facts(cell: Document | None) -> ReportFacts | None:
     there = cell is not None and isinstance(cell.data, dict) and cell.data.get("report")
     return validated(cell, ReportFacts, ("report",)) if cell is not None and there else None
+
+
+def _criteria(cell: Document | None) -> tuple[AcceptanceCriterion, ...] | None:
+    there = cell is not None and isinstance(cell.data, dict) and cell.data.get("acceptance")
+    if cell is None or not isinstance(there, list):
+        return None
+    return tuple(validated(cell, AcceptanceCriterion, ("acceptance", index)) for index in range(len(there)))
 
 
 def _artefact(cell: Document | None) -> Artefact | None:

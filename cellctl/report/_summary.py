@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from cellctl.devices.cell import ARTEFACT
 from cellctl.formats import DataSet
 from cellctl.journal import PushedTable
 from cellctl.report._run import Run
-from cellctl.report.budget import (
-    COVERAGE,
-    NOT_STATED,
-    RULE,
-    Budget,
-    Contribution,
-    Decision,
-    dimensions_of,
-    scatter_of_fit,
-)
+from cellctl.report.acceptance import NAMES, RULE, Acceptance
+from cellctl.report.budget import COVERAGE, NOT_STATED, Budget, Contribution, dimensions_of, scatter_of_fit
 from cellctl.report.figures import fixed, significant
 
 NOT_RECORDED = "not recorded"
@@ -62,18 +55,16 @@ _ROBOT = "robot"
 Pairs = list[tuple[str, str]]
 
 
-def summary(run: Run, environment: Mapping[str, str], contributions: Iterable[Contribution]) -> Mapping[str, Any]:
-    """The data of the template. environment, contributions: of the sections, besides those that every run has."""
-    budget = _budget(run, list(contributions))
-    decided = Decision.of(run, run.facts.limit_mm, budget)
+def summary(run: Run, environment: Mapping[str, str], budget: Budget | None, accepted: Acceptance) -> Mapping[str, Any]:
+    """The data of the template. environment: of the sections, besides what every run has."""
     return {
         "parties": _parties(run),
         "robot": _robot(run),
         "instruments": list(_instruments(run)),
         "environment": _environment(run, environment),
         "procedure": _procedure(run),
-        "acceptance": _acceptance(run, decided, budget),
-        "decision": decided,
+        "acceptance": _acceptance(run, accepted),
+        "decision": accepted,
         "rule": RULE,
         "region": _region(run),
         "budget": _budget_lines(budget) if budget else None,
@@ -148,14 +139,16 @@ def _procedure(run: Run) -> Pairs:
     return pairs
 
 
-def _acceptance(run: Run, decided: Decision, budget: Budget | None) -> Pairs:
-    limit = run.facts.limit_mm
-    greatest = "none" if decided.greatest_mm is None else f"{decided.greatest_mm:.3f} mm, {_measured_with(run)}"
-    return [
-        ("limit of an error", NOT_STATED if limit is None else f"{limit:g} mm"),
-        ("greatest error", greatest),
-        ("U of an error, 95 %", f"{significant(budget.expanded_mm[0])} mm" if budget else NOT_STATED),
-    ]
+def _acceptance(run: Run, found: Acceptance) -> Pairs:
+    name = NAMES[found.measurand]
+    limit, figure = f"limit of the {name}", found.figure
+    value = "none" if found.value_mm is None else f"{found.value_mm:.3f} mm, {_measured_with(run)}"
+    pairs = [(limit, NOT_STATED if found.limit_mm is None else f"{found.limit_mm:g} mm"), (name, value)]
+    if figure is None:
+        return [*pairs, (f"U of the {name}, 95 %", NOT_STATED)]
+    expanded = f"{significant(figure.expanded_mm)} mm (k = {fixed(figure.factor, 2)}, {figure.n} errors)"
+    band = f"{significant(found.guard_band_mm)} mm ({found.guard:g} U)"
+    return [*pairs, (f"U of the {name}, 95 %", expanded), ("guard band", band)]
 
 
 def _measured_with(run: Run) -> str:
@@ -173,7 +166,7 @@ def _region(run: Run) -> str:
     return ", ".join(each)
 
 
-def _budget(run: Run, of_sections: list[Contribution]) -> Budget | None:
+def budget_of(run: Run, of_sections: list[Contribution]) -> Budget | None:
     """None where the run identified nothing: its errors have no known uncertainty."""
     if not run.figures:
         return None
@@ -191,7 +184,7 @@ def _type_a(run: Run, dimensions: int) -> Iterator[Contribution]:
         yield Contribution(what, "A", "residuals of the fit: too few")
     else:
         source = f"residuals of the fit, {found[1]} degrees of freedom; robot and instrument together"
-        yield Contribution.of_errors(what, "A", source, found[0], dimensions)
+        yield replace(Contribution.of_errors(what, "A", source, found[0], dimensions), shared=False)
     predicted = figures.get("predicted_volumetric_rms")
     if predicted is not None:
         # the scatter of the robot is in that of a measurement already: counted twice, the sum would be too large

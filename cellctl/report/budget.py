@@ -8,10 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, Self, final
+from typing import Literal, Self, final
 
 from cellctl.formats.measurements import KINDS
-from cellctl.report._run import Run
 
 NOT_STATED = "not stated"
 
@@ -25,7 +24,7 @@ class Contribution:
     """A contribution: its name, type, source, and standard uncertainties, mm; None where it does not contribute.
 
     error_mm: to a measured error. position_mm: to a position of the TCP by the identified model, 3-D. instead: shown
-    where both are None.
+    where both are None. shared: all measured errors have it in common, so their scatter does not show it.
     """
 
     what: str
@@ -34,6 +33,7 @@ class Contribution:
     error_mm: float | None = None
     position_mm: float | None = None
     instead: str = NOT_STATED
+    shared: bool = True
 
     @classmethod
     def of_errors(cls, what: str, kind: Literal["A", "B"], source: str, sigma_mm: float, dimensions: int) -> Self:
@@ -68,6 +68,11 @@ class Budget:
     def error_mm(self) -> float:
         """The combined standard uncertainty of a measured error."""
         return math.hypot(*(each.error_mm or 0.0 for each in self.contributions))
+
+    @property
+    def shared_mm(self) -> float:
+        """The part of it that all measured errors have in common."""
+        return math.hypot(*(each.error_mm or 0.0 for each in self.contributions if each.shared))
 
     @property
     def position_mm(self) -> float:
@@ -109,53 +114,6 @@ def scatter_of_fit(measure: str, rms_mm: float, rows: int, rank: int) -> tuple[f
     numbers = rows * _numbers_of(measure)
     free = numbers - rank
     return (rms_mm * math.sqrt(numbers / free), free) if free > 0 else None
-
-
-RULE: Final = (
-    "ISO 14253-1, with the expanded uncertainty U (95 %) of a measured error as guard band: accepted if the greatest "
-    "error plus U is within the limit; rejected if the greatest error less U is beyond it; otherwise neither is proved."
-)
-
-
-NO_DECISION: Final = "no decision"
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """word: `accepted`, `rejected` or `no decision`; reason: in a sentence. greatest_mm: the greatest error, if any."""
-
-    word: str
-    reason: str
-    greatest_mm: float | None = None
-
-    @property
-    def decided(self) -> bool:
-        """Whether it is accepted or rejected."""
-        return self.word != NO_DECISION
-
-    @classmethod
-    def of(cls, run: Run, limit_mm: float | None, budget: Budget | None) -> Self:
-        """By RULE."""
-        verdict = run.verdict
-        greatest = verdict.after.max if verdict and verdict.after and run.word == "finished" else None
-        if limit_mm is None:
-            return cls(NO_DECISION, "No acceptance limit is stated.", greatest)
-        if greatest is None:
-            return cls(NO_DECISION, "The run has no measured error after calibration.")
-        if budget is None:
-            return cls(
-                NO_DECISION, "The run identified no model: the uncertainty of its errors is not known.", greatest
-            )
-        return cls(*_compared(greatest, budget.expanded_mm[0], limit_mm), greatest)
-
-
-def _compared(greatest_mm: float, expanded_mm: float, limit_mm: float) -> tuple[str, str]:
-    if greatest_mm + expanded_mm <= limit_mm:
-        return "accepted", "The greatest error plus U is within the limit."
-    if greatest_mm - expanded_mm > limit_mm:
-        return "rejected", "The greatest error less U is beyond the limit."
-    return NO_DECISION, "The greatest error is nearer to the limit than U: neither is proved."
 
 
 @final

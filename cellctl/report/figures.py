@@ -170,6 +170,14 @@ def _texts(errors: Mapping[str, Any] | None, count: int) -> tuple[str, str, str]
     return mean, fixed(errors["rms"]), fixed(errors["max"])
 
 
+def acceptance_words(found: Mapping[str, Any]) -> str:
+    """The decision on an acceptance limit by its JSON: `accepted: maximum 0.078 mm, U = 0.034 mm (k = 1.96), …`."""
+    measurand = str(found["measurand"]).replace("_95", " 95 %")
+    expanded = f", U = {significant(found['U_mm'])} mm (k = {fixed(found['k'], 2)}, 95 %)" if found["U_mm"] else ""
+    value = f"{measurand} {fixed(found['value_mm'])} mm{expanded}, limit {found['limit_mm']:g} mm"
+    return f"{found['decision']}: {value}. {found['reason']}"
+
+
 def agreement_lines(agreed: Agreement) -> list[str]:
     """The figures of two calibrations a and b of one robot, in sentences."""
     lines = []

@@ -95,11 +95,18 @@ def _identification(run: Run) -> Mapping[str, Any] | None:
     return {"stored": False} if run.figures else None
 
 
+def _held_out_errors(run: Run) -> Sequence[float]:
+    """Of the rows that the fit did not use."""
+    found = run.state.last(IdentificationRow)
+    return found.after if found and found.held_out else ()
+
+
 IDENTIFICATION_SECTION = ReportSection(
     id="identification",
     title="Identification",
     order=50,
     build=_identification,
+    errors=_held_out_errors,
     sigmas=IDENTIFICATION,
     template="""\
 {% if stored %}

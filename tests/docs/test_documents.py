@@ -198,7 +198,7 @@ def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> 
         case {"study": _}:
             file.write_text(block.text)
             assert Study.load(file).units
-        case {"report": _}:
+        case {"report": _} | {"acceptance": _}:
             file.write_text(CELL.read_text() + block.text)
             Cell.load(file, DriverRegistry())
         case _:

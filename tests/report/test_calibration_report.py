@@ -12,7 +12,8 @@ from cellctl.cli.exit_codes import Exit
 from cellctl.cli.verbs import app
 from cellctl.records import Figures
 from cellctl.report import Contribution, Run, render, report_text
-from cellctl.report.budget import Budget, Decision, scatter_of_fit
+from cellctl.report.acceptance import acceptance
+from cellctl.report.budget import Budget, scatter_of_fit
 from tests.helpers.reports import Page
 
 NOISE_MM = 0.01
@@ -72,7 +73,7 @@ def test_what_the_cell_file_states_is_on_the_page(stated_text):
 @pytest.mark.long
 def test_what_a_run_does_not_have_is_not_stated_or_not_recorded(make_run, campaign):
     text = summary(report_text(make_run(campaign)))
-    for words in ("customer not stated", "limit of an error not stated", "air pressure not recorded"):
+    for words in ("customer not stated", "limit of the greatest error not stated", "air pressure not recorded"):
         assert words in text
     assert "artefact 3 spheres, diameter 61.4 mm not stated not stated not stated" in text
     assert "No decision. No acceptance limit is stated." in text
@@ -138,10 +139,10 @@ def test_the_page_shows_the_budget_with_stated_uncertainties(stated_text):
     [(0.100, "accepted"), (0.11, "no decision"), (0.29, "no decision"), (0.31, "rejected")],
 )
 def test_the_guard_band_of_the_decision_is_the_expanded_uncertainty(stated, greatest, word):
-    loaded = Run.load(stated)
+    loaded = Run.load(stated).with_facts({"limit_mm": 0.2})
     object.__setattr__(loaded.verdict, "after", Figures(0.05, 0.06, greatest))
     budget = Budget.of([Contribution.of_errors("scatter", "A", "", 0.1 / 1.96, 1)], 1)
-    assert Decision.of(loaded, 0.2, budget).word == word
+    assert acceptance(loaded, budget, []).word == word
 
 
 @pytest.mark.long
@@ -156,7 +157,7 @@ def test_options_of_the_command_replace_what_the_cell_file_states(stated, tmp_pa
     words = ["report", str(stated), "-o", str(out), "--customer", "Beta", "--limit", "9.5", "--operator", "Kai"]
     assert exit_codes.exit_code_of(lambda: app(words, standalone_mode=False)) == Exit.GOOD
     text = summary(out.read_text())
-    for words in ("customer Beta", "order 0815", "operator Kai", "limit of an error 9.5 mm", "Accepted."):
+    for words in ("customer Beta", "order 0815", "operator Kai", "limit of the greatest error 9.5 mm", "Accepted."):
         assert words in text
 
 

@@ -34,7 +34,7 @@ from cellctl.operations.replay import Agreement, ArtefactReplay, Replay
 from cellctl.operations.results import from_json
 from cellctl.operations.run_folder import RunFile, run_files, run_named
 from cellctl.operations.run_list import RunSummary, run_row
-from cellctl.report.figures import fixed
+from cellctl.report.figures import acceptance_words, fixed
 
 _REPORT = "report.html"
 _FORMS = {
@@ -71,8 +71,12 @@ def _verdict(row: RunSummary) -> None:
         state_word(look_of_state(row), row.state, large=True)
         if row.verdict:
             state_word(look_of_verdict(row.verdict), row.verdict, large=True)
+        if row.accepted:
+            state_word(look_of_verdict(row.accepted), row.accepted, large=True)
     with ui.element("div"):
         ui.label(in_page_words(row.sentence or row.reason or "This run has no verdict."))
+        if row.acceptance:
+            ui.label(f"Acceptance by ISO 14253-1: {acceptance_words(row.acceptance)}")
         for line in row.lines:
             ui.label(line).classes("note")
 

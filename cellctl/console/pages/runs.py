@@ -36,6 +36,7 @@ _COLUMNS: list[dict[str, Any]] = [
     {"name": "points", "label": "Points", "field": "points", "sortable": True, **_NUMBER},
     {"name": "before", "label": "Before, mm", "field": "before", "sortable": True, **_NUMBER},
     {"name": "after", "label": "After, mm", "field": "after", "sortable": True, **_NUMBER},
+    {"name": "acceptance", "label": "Acceptance", "field": "acceptance", "sortable": True, **_TEXT},
     {"name": "table", "label": "Table", "field": "table", "sortable": True, **_TEXT},
 ]
 _RUN_CELL = '<q-td :props="props"><a :href="props.row.link">{{ props.value }}</a></q-td>'
@@ -82,7 +83,7 @@ class _RunList:
         self._table.add_slot("body-cell-run", _RUN_CELL)
         self._table.add_slot("body-selection", _CHOICE)
         self._table.add_slot("header-selection", _CHOICE_OF_ALL)
-        for name in ("state", "verdict"):
+        for name in ("state", "verdict", "acceptance"):
             self._table.add_slot(f"body-cell-{name}", _WORD_CELL.replace("NAME", name))
         self._table.on_select(self._show_choice)
 
@@ -157,6 +158,8 @@ def _cells(row: RunSummary) -> dict[str, Any]:
         "points": row.points,
         "before": fixed(row.before and row.before.mean),
         "after": fixed(row.after and row.after.mean),
+        "acceptance": row.accepted,
+        "acceptance_look": _look(look_of_verdict(row.accepted)),
         "table": row.table_state or "–",
     }
 

@@ -136,6 +136,11 @@ def contributions(run: Run) -> list[Contribution]:
     return [Contribution(what, "A", source, error_mm=float(scatter * np.sqrt(3.0 / number)))]
 
 
+def errors(run: Run) -> Sequence[float]:
+    """Of the stand-offs with the table in force, without sign."""
+    return [abs(row.error_mm) for row in run.state.recorded(StandOffRow) if row.run == "after"]
+
+
 SECTION = ReportSection(
     id="sphere-standoffs",
     title="Proof by stand-offs",
@@ -144,6 +149,7 @@ SECTION = ReportSection(
     build=build,
     error_lines=error_lines,
     contributions=contributions,
+    errors=errors,
     sigmas=(
         Sigma(
             "predicted σ of a stand-off",

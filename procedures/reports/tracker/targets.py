@@ -173,6 +173,12 @@ def error_lines(run: Run) -> Sequence[Mapping[str, Any]]:
     return [error_line("held-out targets", found.n, vars(found.before), vars(found.after), found.predicted_sigma)]
 
 
+def errors(run: Run) -> Sequence[float]:
+    """Of the targets with the table in force, 3-D."""
+    row = run.state.last(TargetErrorsRow)
+    return np.linalg.norm(row.after, axis=1).tolist() if row else ()
+
+
 SECTION = ReportSection(
     id="tracker-targets",
     title="Proof by held-out targets",
@@ -180,6 +186,7 @@ SECTION = ReportSection(
     needs=(TargetErrorsRow,),
     build=build,
     error_lines=error_lines,
+    errors=errors,
     sigmas=(
         Sigma(
             "predicted 1 σ after",
