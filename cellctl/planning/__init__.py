@@ -24,6 +24,7 @@ from cellctl.planning.touches import (
     RobotPostures,
     SphereTarget,
     TouchOptions,
+    moved_touch,
     plan_touches,
     spheres_of,
 )
@@ -57,6 +58,7 @@ __all__ = [
     "chosen_rows",
     "ended_by",
     "measuring_postures",
+    "moved_touch",
     "plan_given_poses",
     "plan_measuring_poses",
     "plan_oriented_touches",

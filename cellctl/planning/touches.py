@@ -14,7 +14,7 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellctl.kinematics import JointMap, SerialChain, inverse
+from cellctl.kinematics import JointMap, SerialChain, inverse, nearest_turn
 from cellctl.kinematics.low_discrepancy import sobol
 from cellctl.planning.ways import Body, Obstacles, Plate, Reach, Thickness, Ways
 
@@ -257,6 +257,43 @@ def plan_touches(
     if reference_every:
         tour = with_references(tour, reference_every, Candidate.of(reference) if reference else tour[0])
     return linked(tour, ways, home)
+
+
+def moved_touch(
+    chain: SerialChain,
+    joints: JointMap,
+    reach: Reach,
+    postures: RobotPostures,
+    spheres: list[SphereTarget],
+    touch: PlannedTouch,
+    by: Array,
+    *,
+    plate: Plate | None = None,
+) -> PlannedTouch | None:
+    """`touch` of a sphere that appears moved `by` (3,), mm: from the end of its retreat, and back there.
+
+    None where the moved ways are not clear, or the joints do not reach.
+    """
+    options, around = TouchOptions(), spheres_of(spheres)
+    index = [sphere.name for sphere in spheres].index(touch.sphere)
+    plate = plate or Plate.assumed(around)
+    around[index, :3] += by
+    ways = Ways(Body(chain, joints, options.thickness), reach, Obstacles(around, plate), options.clearance)
+    readings = np.array([touch.start, touch.end, touch.retreat[1]])
+    poses = chain.forward(joints.model(readings))
+    poses[:, :3, 3] += by
+    found = inverse(chain, poses, joints.model(readings))
+    if not found.converged.all():
+        return None
+    moved = nearest_turn(joints.readings(found.q), readings, 180.0)
+    candidate = feasible(ways, touch.sphere, index, moved, np.array(postures.home), options)
+    here = touch.retreat[-1]
+    if candidate is None or not ways.within_limits(moved).all() or not ways.clear(np.array(here), candidate.clear):
+        return None
+    start, clear = _row(candidate.start), _row(candidate.clear)
+    return PlannedTouch(
+        touch.sphere, here, (clear,), start, _row(candidate.end), candidate.search_mm, (start, clear, here)
+    )
 
 
 def contacts(

@@ -10,6 +10,7 @@ import math
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from math import dist
 from typing import Any, Protocol, TypeVar, final
@@ -174,6 +175,7 @@ async def search_and_retreat(
     to_start: Callable[[], Awaitable[JointReadings]],
     speeds: Speeds,
     record: Callable[[FoundContact], Awaitable[Recorded]],
+    after_miss: Callable[[], Awaitable[Line | None]] | None = None,
 ) -> Recorded:
     """Approach, go to the start of the line by `to_start`, search, `record` the contact, retreat.
 
@@ -181,7 +183,8 @@ async def search_and_retreat(
 
     The contact is recorded before any further motion, so that errors on the retreat cannot lose it; it counts
     once its step is done: the robot is back and the loop open. A robot that was interrupted on this path continues
-    from there; a robot off the path is not moved.
+    from there; a robot off the path is not moved. after_miss: another line, from the end of this one's retreat and back
+    there, for a robot that found nothing on this one; None: there is none.
 
     Raises NoContact once the robot is back at its start, and the devices' errors.
     """
@@ -192,6 +195,15 @@ async def search_and_retreat(
     if isinstance(result, NoContact):
         await _retreat(robot, line, speeds)
         raise result
+    if result is None:
+        await _retreat(robot, line, speeds)
+        other = await after_miss() if after_miss else None
+        if other is None:
+            what = f"no contact on {line.sphere} within {line.search_mm:.0f} mm"
+            cure = "is the sphere where the cell file says, its earth lead on, the tip clean?"
+            raise NoContact("probe", what, cure)
+        to_other = partial(robot.move, tuple(other.start), speeds.near_percent)
+        return await search_and_retreat(robot, probe, other, to_other, speeds, record)
     recorded = await record(result)
     await _retreat(robot, line, speeds)
     if await probe.touching():
@@ -222,8 +234,11 @@ async def _left_of_approach(robot: SearchingRobot, line: Line, speeds: Speeds) -
 
 async def _search(
     robot: SearchingRobot, probe: ContactProbe, line: Line, start: JointReadings, speed_mm_s: float
-) -> FoundContact | NoContact:
-    """Search to the line's end; returns the contact, or why there is none. The robot stays at the search's end."""
+) -> FoundContact | NoContact | None:
+    """Search to the line's end; returns the contact, or why it is none of the sphere, or None where there was none.
+
+    The robot stays at the search's end.
+    """
     turn = sum((b - a) ** 2 for a, b in zip(start, line.end, strict=True)) ** 0.5
     speed_deg_s = speed_mm_s * turn / line.search_mm
     alive = robot.guard("probe")
@@ -243,11 +258,10 @@ async def _search(
 
 def _judged(
     line: Line, start: JointReadings, found: SearchResult, contact: Contact | None, *, pressed: bool
-) -> FoundContact | NoContact:
-    """The contact if it is with the sphere: it held, the loop is still closed, and the place is plausible."""
+) -> FoundContact | NoContact | None:
+    """The contact if it is with the sphere: it held, the loop is still closed, the place is plausible. None: none."""
     if contact is None:
-        what = f"no contact on {line.sphere} within {line.search_mm:.0f} mm"
-        return NoContact("probe", what, "is the sphere where the cell file says, its earth lead on, the tip clean?")
+        return None
     joints = _joints_at(found, contact)
     if joints is None or math.dist(joints, found.joints[0]) < _MOVED_DEG:
         what = f"contact on {line.sphere} was not on the line: before the robot moved on it, or after the search"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import pytest
 
@@ -103,14 +104,20 @@ class Bench:
     log: list[str] = field(default_factory=list)
     recorded: list[FoundContact] = field(default_factory=list)
 
-    def touch(self, robot: dict[str, object] | None = None, **probe: object) -> None:
+    def touch(self, robot: dict[str, object] | None = None, other: Way | None = None, **probe: object) -> None:
         arm, tip = Robot(self.log, **(robot or {})), Probe(self.log, **probe)
+
+        async def after_miss() -> Way | None:
+            self.log.append("missed")
+            arm.stops_at = tip.at
+            return other
 
         async def record(found: FoundContact) -> None:
             self.log.append("record")
             self.recorded.append(found)
 
-        asyncio.run(search_and_retreat(arm, tip, Way(), lambda: arm.move(START, 5.0), Speeds(5.0, 20.0), record))
+        to_start = partial(arm.move, START, 5.0)
+        asyncio.run(search_and_retreat(arm, tip, Way(), to_start, Speeds(5.0, 20.0), record, after_miss))
 
 
 def searched(end: SearchEnd, times: list[int], joints: list[tuple[float, ...]]) -> SearchResult:
@@ -155,7 +162,24 @@ def test_what_is_no_contact_with_the_sphere_is_not_recorded_and_can_be_tried_aga
     with pytest.raises(NoContact, match=says):
         bench.touch(robot, **probe)
     assert bench.recorded == []
-    assert bench.log[-2:] == ["move 20", "move 10"], "the robot is back"
+    assert [each for each in bench.log if each != "missed"][-2:] == ["move 20", "move 10"], "the robot is back"
+
+
+def test_a_line_without_contact_is_followed_by_another_one_if_there_is_any() -> None:
+    deeper = Way(origin=CLEAR, approach=((11.0,),), start=(26.0,), end=(44.0,), retreat=((26.0,), (11.0,), CLEAR))
+    bench = Bench()
+    bench.touch({"stops_at": None}, deeper, at=40.0)
+    before = ["move 10", "move 20", "search", "move 20", "move 10"]
+    again = ["move 11", "move 26", "search", "record", "move 26", "move 11", "move 10"]
+    assert bench.log == [*before, "missed", *again]
+    assert bench.recorded[0].joints == pytest.approx((40.0,))
+
+
+def test_a_contact_that_is_none_of_the_sphere_is_not_followed_by_another_line() -> None:
+    bench = Bench()
+    with pytest.raises(NoContact, match="did not hold"):
+        bench.touch(other=Way(), confirmed=False)
+    assert "missed" not in bench.log
 
 
 def test_silence_about_a_contact_points_to_the_line_and_a_bounce_to_the_tip() -> None:

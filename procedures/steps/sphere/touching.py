@@ -13,6 +13,7 @@ from procedures.steps.contact_search import FoundContact, Speeds, search_and_ret
 from procedures.steps.identified import write_and_record
 from procedures.steps.judged import Judged
 from procedures.steps.sphere._identification import identify_touches
+from procedures.steps.sphere._missed import line_after_miss
 from procedures.steps.sphere.plan_inputs import PlanInputs, names_of
 from procedures.steps.sphere.planning import assumption, check_plan, checked, planned_touches
 from procedures.steps.sphere.reference_touches import jump, reference_row, remark
@@ -69,7 +70,10 @@ class Touched(StepResult):
 
 @step("sphere.touch", needs={"robot": SearchingRobot, "probe": ContactProbe})
 async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
-    """Go to a sphere, search along the planned line until contact, note the joints at its time, retreat."""
+    """Go to a sphere, search along the planned line until contact, note the joints at its time, retreat.
+
+    Where nothing was on that line, the touches before show the sphere's place, and the robot searches there.
+    """
     robot: SearchingRobot = context.device("robot")
     probe: ContactProbe = context.device("probe")
     planned, speeds = inputs.touch, Speeds(inputs.speed_mm_s, inputs.transfer_percent)
@@ -79,8 +83,15 @@ async def touch(context: StepContext, inputs: TouchInputs) -> Touched:
         await context.record(row)
         return row
 
+    async def after_miss() -> TouchPlan | None:
+        other = await context.clock.compute(line_after_miss, context, planned)
+        if other:
+            what = f"nothing within {planned.search_mm:.0f} mm: by the touches before, the surface is deeper"
+            context.say(f"{planned.sphere}: {what}; searching there")
+        return other
+
     row = await search_and_retreat(
-        robot, probe, planned, lambda: robot.move(tuple(planned.start), speeds.near_percent), speeds, record
+        robot, probe, planned, lambda: robot.move(tuple(planned.start), speeds.near_percent), speeds, record, after_miss
     )
     if isinstance(row, ReferenceRow):
         _look_for_jump(context, row)
