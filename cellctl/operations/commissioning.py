@@ -41,6 +41,7 @@ from cellctl.devices.commissioning_record import (
 )
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
+from cellctl.formats import RobotFile
 from cellctl.installed import contributions
 from cellctl.operations.cell_devices import (
     DeviceLocks,
@@ -118,10 +119,11 @@ async def commission(
 
     seed, clock: for the simulators of a simulated cell. motion: False ends before the first step that moves.
 
-    Raises InputError if the record is damaged or the simulators refuse the cell file, OSError if the record cannot be
-    written, DeviceBusy before anything connects.
+    Raises InputError if the record is damaged, the simulators refuse the cell file, or the robot has a prismatic joint;
+    OSError if the record cannot be written, DeviceBusy before anything connects.
     """
     require_cells()
+    RobotFile.load(cell.robot_file).refuse_prismatic(str(cell.robot_file), "a commissioning")
     file = record_file(cell.path)
     kept = load_record(file, cell.name, simulated=cell.simulated)
     with DeviceLocks.held(cell, drivers) as locks:

@@ -22,9 +22,11 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.commissioning import CommissionedCell, Confirmation, commission
+from cellctl.operations.doctor import examine
 from drivers import commissioning_motions
 from drivers.kuka_rsi.robot import commissioning as kuka_steps
 from tests.helpers.runs import SELFCAL, cell_with
+from tests.helpers.sliding_robots import sliding_robot_text
 
 STILL = ["robot.connection", "probe.connection", "robot.telegrams", "probe.trip"]
 MOVING = ["robot.tenth", "robot.stop", "cell.touch"]
@@ -264,3 +266,19 @@ def test_records_of_other_cells_in_the_folder_stay(tmp_path):
     for name in ("one", "other", "one"):
         save_record(file, CellRecord(name, simulated=False))
     assert [one["cell"] for one in json.loads(file.read_text())["cells"]] == ["other", "one"]
+
+
+@pytest.mark.long
+def test_a_robot_on_a_rail_is_refused_by_name_where_it_would_move_and_its_devices_are_examined(tmp_path):
+    cell = tmp_path / "cell.yaml"
+    (tmp_path / "rail.yaml").write_text(sliding_robot_text("rail"))
+    cell.write_text("name: rail\nmodel: rail.yaml\ndevices: {robot: 'ur+rtde://127.0.0.1:1?dashboard=1'}\n")
+    refusal = "joint 1 of KR 5 on a rail is prismatic: a {} is for revolute joints only"
+    with pytest.raises(InputError, match=refusal.format("commissioning")):
+        commissioned(cell)
+    with pytest.raises(InputError, match=refusal.format("campaign")):
+        load_campaign(SELFCAL, cell, [])
+    drivers = DriverRegistry()
+    (robot,) = asyncio.run(examine(Cell.load(cell, drivers), drivers))
+    assert "prismatic" not in robot.what
+    assert "127.0.0.1" in robot.address
