@@ -39,6 +39,11 @@ SAMPLE_OF_EACH = 20
 TOUCHES_AT_LEAST = 5
 """With fewer touches on a sphere, several centres may fit equally: its distances are not judged."""
 
+REDUNDANCY, WIDER = 2.0, 4.0
+"""Rows with less redundancy (their numbers less the effective parameters) cannot show that the prior is too narrow: the
+fit takes each from itself. Then the σ of the estimates counts `WIDER` times: 30 touches of a robot scaled its prior by
+4.3, and 25 of them, redundancy 0.1, put a right spacing of 700.4 mm at 704.6 ± 0.6 mm."""
+
 FITTING = 3.0
 """Standard deviations of χ² within which a certificate agrees with a robot that also fits the rows."""
 
@@ -137,7 +142,10 @@ def _between(spacings: SpacingRows, points: Bools) -> SpacingRows:
 
 
 def _predicted(spacings: SpacingRows, found: Estimate, rows: RowBlocks, noise: Floats) -> PredictedSpacings:
-    return PredictedSpacings.of(spacings, found, model_errors(spacings, found, rows, noise))
+    predicted = PredictedSpacings.of(spacings, found, model_errors(spacings, found, rows, noise))
+    if rows.size - found.effective_parameters >= REDUNDANCY:
+        return predicted
+    return replace(predicted, covariance=WIDER**2 * predicted.covariance)
 
 
 def _errors_of(

@@ -53,6 +53,14 @@ def test_distances_that_are_right_are_never_named(draw, touch_task):
         assert find_spacing_errors(touch_task(drawn)) == ()
 
 
+def test_touches_that_do_not_check_each_other_judge_a_distance_by_a_wider_prior(draw, touch_task):
+    task = touch_task(draw(0, 22))
+    assert find_spacing_errors(with_spacings(task, [0.0, 1.0, 0.0])) == ()
+    (contradicted,) = find_spacing_errors(with_spacings(task, [0.0, 100.0, 0.0]))
+    assert contradicted.between == ("S1", "S3")
+    assert contradicted.least > 2.0
+
+
 SOCKETS = np.array([[800.0, 300.0, 500.0], [1000.0, -300.0, 350.0], [1100.0, 100.0, 250.0]])
 
 
