@@ -157,7 +157,7 @@ def _refusal(model: ModelFile, part: Compensation, limit_deg: float) -> str | No
     if (axis := int(np.argmax(np.abs(after - before)))) >= 0 and abs(after[axis] - before[axis]) > limit_deg:
         return f"A{axis + 1} would be corrected by {after[axis] - before[axis]:+.3f}°, more than {limit_deg:g}°"
     if model.robot.n == 6 and len(set(status_of(nominal, model.robot.joint_map(), [before, after]).tolist())) > 1:
-        return "the correction would change the status S"
+        return "the correction would put shoulder, elbow or wrist on its other side (a KUKA's status S)"
     return None
 
 
