@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Annotated, final
 
 import typer
+from pydantic import ValidationError
 
 from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
+from cellctl.devices.cell import ReportFacts
 from cellctl.files import InputError, Problem, write_atomically
 from cellctl.installed import first_procedure
 from cellctl.journal import JournalCheck, RunState, check_journal, fold, journal_in, read_journal, run_place
@@ -193,6 +195,7 @@ class Form(StrEnum):
     JSONL = "jsonl"
     BLUESKY = "bluesky"
     FIGURES = "figures"
+    DCC = "dcc"
     ZIP = "zip"
 
 
@@ -203,18 +206,22 @@ def export(
         typer.Option(
             "--as",
             help="csv, parquet: samples. jsonl: events. bluesky: event-model documents. figures: every picture of the "
-            "report as SVG and PNG, in a zip. zip: everything of the run.",
+            "report as SVG and PNG, in a zip. dcc: Digital Calibration Certificate (PTB's XML). zip: everything.",
         ),
     ] = Form.ZIP,
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", help="Output file. Default: RUN-samples.csv, RUN-run.zip … in this folder."),
     ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="For dcc: NAME=TEXT in place of the cell file's `report:`, as laboratory=ACME."),
+    ] = None,
     runs: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
 ) -> None:
     """Export a run: its samples as CSV or Parquet, its events as JSON lines or bluesky documents, the pictures of its
-    report as SVG and PNG, or all in one zip.
+    report as SVG and PNG, a Digital Calibration Certificate, or all in one zip.
 
     The run may be running, aborted or damaged: what can be read is exported, the rest is named (exit code 2).
 
@@ -224,7 +231,7 @@ def export(
     folder = journal_in(place).parent
     target = out or Path(f"{folder.resolve().name}-{form.file_name}")
     refuse_outputs({"--out": target, "--json": json_}, [place, *folder.glob("*")])
-    found = exports.export_run(place, form)
+    found = exports.export_run(place, form, _facts(set_ or []))
     write_atomically(target, found.content)
     counts = {"samples": found.samples, "events": found.events}
     result = {"run": folder.resolve().name, "form": form.value, "file": str(target), **counts}
@@ -232,6 +239,18 @@ def export(
     if json_ != "-":
         typer.echo(f"{target}: {found.samples} samples, {found.events} events")
     found.refuse_missing(place, target)
+
+
+def _facts(words: list[str]) -> dict[str, str]:
+    """NAME=TEXT of the texts of `report:`, checked as those of a cell file."""
+    pairs = {name: text for name, _, text in (each.partition("=") for each in words)}
+    texts = {name for name, each in ReportFacts.model_fields.items() if each.default == ""}
+    if wrong := pairs.keys() - texts:
+        raise typer.BadParameter(f"--set {', '.join(sorted(wrong))}: no text of `report:`; {', '.join(sorted(texts))}")
+    try:
+        return ReportFacts.model_validate(pairs).model_dump(include=set(pairs))
+    except ValidationError as error:
+        raise typer.BadParameter(f"--set {error.errors()[0]['loc'][0]}: {error.errors()[0]['msg']}") from None
 
 
 _SHOWN = 5

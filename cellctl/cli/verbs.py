@@ -51,7 +51,7 @@ VERBS = {
         "runs",
         "export",
         "Export a run: its samples as CSV or Parquet, its events as JSON lines or bluesky documents, the pictures of "
-        "its report as SVG and PNG, or all in one zip.",
+        "its report as SVG and PNG, a Digital Calibration Certificate, or all in one zip.",
     ),
     "plan": Verb("plan", "plan", "Choose targets for a calibration with any instrument."),
     "import": Verb(

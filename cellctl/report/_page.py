@@ -17,7 +17,7 @@ from cellctl.files import InputError, write_atomically
 from cellctl.installed import contributions
 from cellctl.records import Row
 from cellctl.report._run import Run
-from cellctl.report._summary import budget_of, summary
+from cellctl.report._summary import budget_of, environment_of, summary
 from cellctl.report.acceptance import Acceptance, acceptance
 from cellctl.report.budget import FIGURES, Budget, Contribution, Sigma
 from cellctl.report.drawing import Picture, collected_pictures
@@ -158,58 +158,68 @@ def _rendered(run: Run, found: Sections) -> tuple[str, Acceptance]:
     complaints = [*run.complaints, *found.broken]
     shown: list[Mapping[str, str]] = []
     lines: list[Mapping[str, Any]] = []
-    environment: dict[str, str] = {}
     sigmas: list[Sigma] = []
     for section in found.usable:
         try:
             text = _text(section, run)
             if text is None:
                 continue
-            added = list(section.error_lines(run)), section.environment(run)
+            added = section.error_lines(run)
         except InputError as error:
             complaints += [f"section '{section.id}': {problem}" for problem in error.problems]
         except Exception as error:  # the code of another package may raise anything
             complaints.append(f"section '{section.id}' cannot be shown: {type(error).__name__}: {error}")
         else:
-            lines += added[0]
-            environment |= added[1]
+            lines += added
             shown.append({"id": section.id, "title": section.title, "text": text})
             sigmas += section.sigmas
-    budget, accepted = assessed(run, found, complaints)
+    assessed = _assessed(run, found, complaints)
     text = template("report.html").render(
         run=run,
         complaints=list(dict.fromkeys(complaints)),
         lines=lines,
-        s=summary(run, environment, budget, accepted),
+        s=summary(run, assessed.environment, assessed.budget, assessed.acceptance),
         sections=shown,
         sigmas=[*(FIGURES if lines else ()), *dict.fromkeys(sigmas)],
         version=__version__,
     )
-    return text, accepted
+    return text, assessed.acceptance
 
 
-def assessed(run: Run, sections: Sections, complaints: list[str]) -> tuple[Budget | None, Acceptance]:
-    """The budget of a measured error, and the decision on the run's limit; sections that failed are complaints."""
+@final
+@dataclass(frozen=True)
+class Assessed:
+    """Of a run: its recorded conditions by name, the budget of a measured error, and the decision on its limit."""
+
+    run: Run
+    environment: Mapping[str, str]
+    budget: Budget | None
+    acceptance: Acceptance
+
+
+def _assessed(run: Run, sections: Sections, complaints: list[str]) -> Assessed:
+    """Sections that failed are complaints."""
+    environment: dict[str, str] = {}
     contributions: list[Contribution] = []
     errors: list[Sequence[float]] = []
     for section in sections.usable:
         try:
             if section.serves(run):
+                environment |= section.environment(run)
                 contributions += section.contributions(run)
                 errors.append(section.errors(run))
         except Exception as error:  # the code of another package, and its damaged rows, may raise anything
             complaints.append(f"section '{section.id}' has no uncertainties: {type(error).__name__}: {error}")
     budget = budget_of(run, contributions)
-    return budget, acceptance(run, budget, errors)
+    return Assessed(run, dict(environment_of(run, environment)), budget, acceptance(run, budget, errors))
 
 
-def accepted_run(run: Path, facts: Mapping[str, Any] | None = None) -> tuple[Run, Budget | None, Acceptance]:
-    """The run in its folder, with `facts` in place of the cell file's, its budget, and the decision on its limit.
+def assessed_run(run: Path, facts: Mapping[str, Any] | None = None) -> Assessed:
+    """The run in its folder, with `facts` in place of the cell file's.
 
     Raises JournalError if the journal cannot be read.
     """
-    loaded = Run.load(run).with_facts(facts or {})
-    return loaded, *assessed(loaded, Sections.installed(), [])
+    return _assessed(Run.load(run).with_facts(facts or {}), Sections.installed(), [])
 
 
 def _text(section: ReportSection, run: Run) -> str | None:

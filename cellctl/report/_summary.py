@@ -56,12 +56,12 @@ Pairs = list[tuple[str, str]]
 
 
 def summary(run: Run, environment: Mapping[str, str], budget: Budget | None, accepted: Acceptance) -> Mapping[str, Any]:
-    """The data of the template. environment: of the sections, besides what every run has."""
+    """The data of the template."""
     return {
         "parties": _parties(run),
         "robot": _robot(run),
         "instruments": list(_instruments(run)),
-        "environment": _environment(run, environment),
+        "environment": list(environment.items()),
         "procedure": _procedure(run),
         "acceptance": _acceptance(run, accepted),
         "decision": accepted,
@@ -119,7 +119,8 @@ def _calibrated(run: Run, name: str) -> dict[str, str]:
     return {"calibrated": found.date, "certificate": found.certificate or NOT_STATED, **serial}
 
 
-def _environment(run: Run, found: Mapping[str, str]) -> Pairs:
+def environment_of(run: Run, found: Mapping[str, str]) -> Pairs:
+    """Name and text of each condition; found: those that sections read."""
     known = dict.fromkeys(("air temperature", "air pressure", "relative humidity"), NOT_RECORDED)
     return list({**known, "robot temperature": temperature(run.data), **found}.items())
 

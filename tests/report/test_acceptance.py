@@ -13,7 +13,7 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
 from cellctl.journal import Journal, RunResumed, fold, read_journal
 from cellctl.operations.run_list import run_row
-from cellctl.report import accepted_run, write_report
+from cellctl.report import assessed_run, write_report
 from cellctl.report.figures import acceptance_words
 
 CRITERIA = """
@@ -33,25 +33,26 @@ def stated(make_run_once, campaign):
 
 
 def test_the_first_criterion_for_procedure_and_robot_decides_by_the_runs_own_errors(stated, campaign):
-    run, budget, found = accepted_run(stated)
+    assessed = assessed_run(stated)
+    run, found = assessed.run, assessed.acceptance
     errors = np.array(run.state.data_of("identification")[-1]["after"])
     assert (found.measurand, found.limit_mm, found.word) == ("mean", 0.05, "accepted")
     assert found.figure.n == len(errors) == 16
     assert found.value_mm == pytest.approx(campaign.verdict["after"]["mean"])
     assert found.figure.standard_mm == pytest.approx(np.hypot(errors.std(ddof=1) / 4.0, 0.003))
-    assert budget.shared_mm == pytest.approx(0.003)
+    assert assessed.budget.shared_mm == pytest.approx(0.003)
     assert found.missing == ("temperature: expansion of robot and set-up",)
 
 
 def test_a_limit_by_option_replaces_the_limit_and_keeps_the_measurand(stated):
-    found = accepted_run(stated, {"limit_mm": 0.001})[2]
+    found = assessed_run(stated, {"limit_mm": 0.001}).acceptance
     assert (found.measurand, found.limit_mm, found.word) == ("mean", 0.001, "rejected")
 
 
 @pytest.mark.parametrize(("measurand", "reason"), [("quantile_95", "needs 20 "), ("maximum", "plus 2 U")])
 def test_other_measurands_and_guard_bands(make_run, campaign, measurand, reason):
     cell = f"acceptance: [{{limit_mm: 0.5, measurand: {measurand}, guard: 2}}]\n"
-    found = accepted_run(make_run(campaign, cell=cell))[2]
+    found = assessed_run(make_run(campaign, cell=cell)).acceptance
     assert reason in found.reason
     assert found.word == ("no decision" if measurand == "quantile_95" else "accepted")
 

@@ -116,7 +116,7 @@ async def report(name: RunName) -> FileResponse:
 @router.get("/runs/{name}/export", response_class=FileResponse, responses=READS)
 async def export(name: RunName, form: Annotated[Form, Query(description="What to export")] = Form.ZIP) -> FileResponse:
     """A run for other programs. csv, parquet: samples; jsonl: events; bluesky: documents; figures: pictures;
-    zip: everything."""
+    dcc: Digital Calibration Certificate; zip: everything."""
     file, saved_as = await exported(run_place(name), form)
     removed = BackgroundTask(shutil.rmtree, file.parent, ignore_errors=True)
     return FileResponse(file, media_type="application/octet-stream", filename=saved_as, background=removed)

@@ -44,6 +44,7 @@ _FORMS = {
     Form.JSONL: "events as JSON lines",
     Form.BLUESKY: "bluesky event-model documents",
     Form.FIGURES: "pictures of the report as SVG and PNG",
+    Form.DCC: "Digital Calibration Certificate (DCC)",
 }
 
 

@@ -1,15 +1,17 @@
-"""Exports a run for other programs: samples, events, bluesky documents, pictures, or everything in one zip."""
+"""Exports a run for other programs: samples, events, bluesky documents, pictures, a certificate, or all in one zip."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 from cellctl.files import InputError, Problem
 from cellctl.journal import JournalError, ReadableJournal, RunState, fold, is_being_written, journal_in
 from cellctl.operations.export import archive, events, samples
+from cellctl.operations.export.certificate import certificate
 from cellctl.report import report_pictures, report_text
 
 
@@ -22,6 +24,7 @@ class Form(StrEnum):
     JSONL = "jsonl"
     BLUESKY = "bluesky"
     FIGURES = "figures"
+    DCC = "dcc"
     ZIP = "zip"
 
     @property
@@ -33,6 +36,7 @@ class Form(StrEnum):
             Form.JSONL: "events.jsonl",
             Form.BLUESKY: "bluesky.jsonl",
             Form.FIGURES: "figures.zip",
+            Form.DCC: "certificate.xml",
             Form.ZIP: "run.zip",
         }[self]
 
@@ -54,11 +58,13 @@ class Exported:
             raise InputError([Problem(str(run), 0, 0, each) for each in self.missing], note)
 
 
-def export_run(place: Path, form: Form) -> Exported:
+def export_run(place: Path, form: Form, facts: Mapping[str, Any] | None = None) -> Exported:
     """Export the run in `place` (its folder or its journal): also one that is running, was aborted, or is damaged.
 
+    facts: fields of the cell file's `report:` to replace, for a certificate.
+
     Raises JournalError if no event can be read (a zip then holds the other files), InputError for Parquet without
-    pyarrow and for bluesky documents without the run's first event.
+    pyarrow, for bluesky documents without the run's first event, and for a certificate that would be incomplete.
     """
     try:
         journal = ReadableJournal.of(place)
@@ -66,7 +72,7 @@ def export_run(place: Path, form: Form) -> Exported:
         if form is not Form.ZIP or not place.exists():
             raise
         return _of_unreadable(place, error)
-    return _Export(place, journal).exported(form)
+    return _Export(place, journal, facts or {}).exported(form)
 
 
 def _of_unreadable(place: Path, error: JournalError) -> Exported:
@@ -82,8 +88,8 @@ def _of_unreadable(place: Path, error: JournalError) -> Exported:
 class _Export:
     """The export of a run with a readable journal."""
 
-    def __init__(self, place: Path, journal: ReadableJournal) -> None:
-        self._place, self._journal = place, journal
+    def __init__(self, place: Path, journal: ReadableJournal, facts: Mapping[str, Any]) -> None:
+        self._place, self._journal, self._facts = place, journal, facts
         self._state = fold(journal.entries)
         self._name = self._state.name or journal_in(place).parent.resolve().name
         self._samples = samples.Samples.of(self._state.rows, self._state)
@@ -105,6 +111,8 @@ class _Export:
                 return self._bluesky().encode()
             case Form.FIGURES:
                 return self._figures(missing)
+            case Form.DCC:
+                return certificate(self._place, self._facts)
             case Form.ZIP:
                 return self._zip(missing)
 
