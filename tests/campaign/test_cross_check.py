@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from cellctl.formats import ModelFile
-from tests.helpers.runs import FASTEST, cellctl
+from tests.helpers.runs import FASTEST, ROOT, cellctl, quick_cell
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 
+CELL = ROOT / "procedures" / "cells" / "sphere_tracker_cell.yaml"
 FEWER = {"touches_fit": 50, "touches_test": 8, "poses_fit": 30, "poses_test": 8, "samples": 2}
 """Than in a whole campaign."""
 
@@ -20,7 +21,8 @@ FEWER = {"touches_fit": 50, "touches_test": 8, "poses_fit": 30, "poses_test": 8,
 def test_a_cross_check_ends_in_a_verdict_with_both_models_and_replays_to_the_same(tmp_path: Path) -> None:
     settings = [*(f"{name}={value}" for name, value in FEWER.items()), *FASTEST]
     words = [word for setting in settings for word in ("--set", setting)]
-    ended = cellctl("run", "cross_check", "--seed", "1", *words, "--runs", tmp_path, "--json", tmp_path / "r.json")
+    places = ("--cell", quick_cell(tmp_path, shipped=CELL), "--runs", tmp_path, "--json", tmp_path / "r.json")
+    ended = cellctl("run", "cross_check", "--seed", "1", *words, *places)
     assert ended.returncode in (0, 1), ended.stderr
     result = json.loads((tmp_path / "r.json").read_text())
     assert result["state"] == "finished"

@@ -15,7 +15,7 @@ from cellctl.formats import ModelFile
 from cellctl.journal import JournalError, RunState, fold, read_journal
 from cellctl.records import BatchRow
 from tests.helpers.reports import Page
-from tests.helpers.runs import CELL, FASTEST, PATIENCE_S, ROOT, SELFCAL, cellctl, only_run
+from tests.helpers.runs import CELL, FASTEST, PATIENCE_S, ROOT, SELFCAL, cellctl, only_run, quick_cell
 from tests.helpers.simulated_data import volumetric_errors
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
@@ -24,9 +24,10 @@ SEED = 2
 GOAL = ("goal=0.14", "touches_test=20", "standoff_targets=10", *FASTEST)
 
 
-def settings(*more: str) -> list[str]:
+def settings(folder: Path, *more: str) -> list[str]:
+    """Of a run in a quick cell, which is written into `folder`."""
     words = {setting.partition("=")[0]: setting for setting in (*GOAL, *more)}
-    return [word for setting in words.values() for word in ("--set", setting)]
+    return ["--cell", str(quick_cell(folder)), *(f"--set={setting}" for setting in words.values())]
 
 
 def state_of(runs: Path) -> RunState:
@@ -46,7 +47,7 @@ def in_second_batch(state: RunState) -> bool:
 def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The run folder of a campaign that was killed (-9) within a batch, and resumed."""
     runs = tmp_path_factory.mktemp("stopped") / "runs"
-    common = [str(SELFCAL), "--seed", str(SEED), "--runs", str(runs), *settings()]
+    common = [str(SELFCAL), "--seed", str(SEED), "--runs", str(runs), *settings(runs.parent)]
     command = [sys.executable, "-m", "cellctl", "run", *common]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT)
     until = time.monotonic() + PATIENCE_S
@@ -93,7 +94,7 @@ def test_the_report_has_the_curve_and_the_end(stopped: Path) -> None:
 @pytest.mark.parametrize(("setting", "ended"), [("least_gain=50", "gain"), ("time_most=1", "time")])
 def test_it_ends_before_the_goal_and_does_not_end_well(setting: str, ended: str, tmp_path: Path) -> None:
     runs, result = tmp_path / "runs", tmp_path / "result.json"
-    words = settings("goal=0.01", "touches_test=8", "standoff_targets=3", setting)
+    words = settings(tmp_path, "goal=0.01", "touches_test=8", "standoff_targets=3", setting)
     done = cellctl("run", SELFCAL, "--seed", str(SEED), "--runs", runs, "--json", result, *words)
     assert done.returncode == 1, done.stderr
     found = json.loads(result.read_text())

@@ -13,29 +13,24 @@ from cellctl.journal import Journal, Recorded, RunStarted, RunState, SourceFile,
 from cellctl.operations.replay import Agreement, replay_run
 from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict, DayPoints
 from procedures.steps.iso9283.rows import IsoVerdict, RegistrationRow
-from tests.helpers.runs import ROOT, cellctl
+from tests.helpers.runs import cellctl
+from tests.helpers.tracker import cell_of
 
 pytestmark = pytest.mark.campaign
 
-CELL = ROOT / "procedures" / "cells" / "tracker_cell.yaml"
-QUICK = {"warm_up_minutes": 0.05, "warm_up_limit": 2, "samples": 2}
+QUICK = {"warm_up_minutes": 0.05, "warm_up_limit": 2, "samples": 2, "transfer_speed": 50}
+DAILY = {"samples": 2, "transfer_speed": 50}
 
 
-def cell_of(folder: Path, simulate: str) -> Path:
-    """A copy of the shipped cell with lines added to its `simulate:` section."""
-    text = CELL.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
-    text = text.replace("ethernet=rsi_ethernet.xml", f"ethernet={CELL.parent}/rsi_ethernet.xml")
-    path = folder / "cell.yaml"
-    path.write_text(text.rstrip() + "\n" + simulate)
-    return path
-
-
-def run(procedure: str, runs: Path, settings: dict[str, Any], *words: str | Path) -> tuple[int, Path, RunState]:
-    """Exit code, folder and journal of a run."""
+def run(
+    procedure: str, runs: Path, settings: dict[str, Any], *words: str | Path, simulate: str = ""
+) -> tuple[int, Path, RunState]:
+    """Exit code, folder and journal of a run in a quick cell with these lines in its `simulate:` section."""
     given = [f"--set={name}={value}" for name, value in settings.items()]
     result = runs / "result.json"
     runs.mkdir(exist_ok=True)
-    done = cellctl("run", procedure, *given, *words, "--runs", runs, "--json", result)
+    cell = cell_of(runs, simulate)
+    done = cellctl("run", procedure, *given, *words, "--cell", cell, "--runs", runs, "--json", result)
     assert result.exists(), done.stderr
     folder = runs / json.loads(result.read_text())["run"]
     result.unlink()
@@ -70,7 +65,7 @@ def earlier_runs(runs: Path, day: DayPoints, noise_mm: float) -> None:
 @pytest.fixture(scope="module")
 def first_day(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path, RunState]:
     runs = tmp_path_factory.mktemp("daily") / "runs"
-    return run("daily_check", runs, {"samples": 2}, *remembered(runs))
+    return run("daily_check", runs, DAILY, *remembered(runs))
 
 
 @pytest.mark.long
@@ -91,8 +86,7 @@ def test_a_daily_check_after_20_runs_finds_other_joint_zeros(
 ) -> None:
     runs = tmp_path / "runs"
     earlier_runs(runs, first_day[2].recorded(DailyPointsRow)[0].day, 0.1)
-    cell = cell_of(tmp_path, "  errors: {joint_zero: 4}\n")
-    code, folder, state = run("daily_check", runs, {"samples": 2}, "--cell", cell)
+    code, folder, state = run("daily_check", runs, DAILY, simulate="  errors: {joint_zero: 4}\n")
     found = state.last(DailyVerdict)
     assert found is not None
     assert (code, found.verdict) == (1, "measure again"), found.lines
@@ -106,7 +100,7 @@ def test_a_simulated_cell_that_remembers_the_day_before_has_new_noise_and_is_in_
 ) -> None:
     before = first_day[2].recorded(DailyPointsRow)[0].day
     earlier_runs(tmp_path / "runs", before, 0.1)
-    code, _, state = run("daily_check", tmp_path / "runs", {"samples": 2}, *remembered(first_day[1].parent))
+    code, _, state = run("daily_check", tmp_path / "runs", DAILY, *remembered(first_day[1].parent))
     found, today = state.last(DailyVerdict), state.recorded(DailyPointsRow)[0].day
     assert found is not None
     assert (code, found.verdict) == (0, "in control"), found.lines
@@ -132,7 +126,6 @@ def test_a_short_test_by_iso_9283_measures_the_robot_by_nominal_joints(tmp_path:
 def test_the_table_made_of_a_calibration_makes_pose_accuracy_better(tmp_path: Path) -> None:
     runs = tmp_path / "runs"
     few = {**QUICK, "poses_fit": 30, "poses_test": 8, "monuments_every": 40, "turn_points": 5, "model": "geometry"}
-    few["transfer_speed"] = 50
     code, calibration, _ = run("tracker_calibration", runs, few)
     assert code == 0
     # the orientation, by three reflectors, is in the short test above

@@ -22,8 +22,8 @@ from tests.helpers.runs import (
     SELFCAL,
     Ended,
     Whole,
-    cell_with,
     faults,
+    quick_cell,
     run_here,
     shared_campaign,
     touches_procedure,
@@ -139,7 +139,7 @@ KINDS = ("touch", "reference", "locate", "standoff")
 @pytest.mark.long
 def test_a_model_that_is_no_better_is_neither_compensated_nor_pushed(tmp_path: Path) -> None:
     true_robot = "  errors: {geometry: 0, joint_zero: 0, tool: 0, deflection: 0}\n"
-    ended = run_here(short_campaign(tmp_path), cell_with(tmp_path, true_robot), tmp_path)
+    ended = run_here(short_campaign(tmp_path), quick_cell(tmp_path, true_robot), tmp_path)
     assert ended.outcome.state is State.FINISHED
     assert ended.outcome.verdict is not None
     assert not ended.outcome.verdict.better
@@ -153,7 +153,7 @@ def test_a_model_that_is_no_better_is_neither_compensated_nor_pushed(tmp_path: P
 def test_a_correction_over_the_cells_limit_is_refused_before_anything_is_pushed(tmp_path: Path) -> None:
     strict = {"limits:\n": "limits:\n  table: {correction_deg: 0.01}\n"}
     enough = short_campaign(tmp_path, touches_fit=30, reference_every=0)  # to be better, which comes before
-    ended = run_here(enough, cell_with(tmp_path, replace=strict), tmp_path)
+    ended = run_here(enough, quick_cell(tmp_path, replace=strict), tmp_path)
     assert isinstance(ended.outcome.error, InputError)
     assert "row 1" in str(ended.outcome.error)
     assert "0.01" in str(ended.outcome.error)
@@ -167,12 +167,12 @@ def test_a_proof_sphere_out_of_reach_is_refused_before_anything_starts(tmp_path:
     away = {"centre: [850, 0, 550]": "centre: [2850, 0, 550]"}
     enough = short_campaign(tmp_path, touches_fit=50, reference_every=20)
     with pytest.raises(InputError, match="on sphere P1 can be reached"):
-        load_campaign(enough, cell_with(tmp_path, replace=away), [])
+        load_campaign(enough, quick_cell(tmp_path, replace=away), [])
 
 
 @pytest.mark.long
 def test_a_tip_that_jumps_stops_the_run_at_the_next_visit_to_the_reference(tmp_path: Path) -> None:
-    cell = cell_with(tmp_path, faults("fault: tip.jump, before_search: 18, mm: 0.6"))
+    cell = quick_cell(tmp_path, faults("fault: tip.jump, before_search: 18, mm: 0.6"))
     ended = run_here(short_campaign(tmp_path), cell, tmp_path)
     assert isinstance(ended.outcome.error, DeviceFault)
     assert "reference touch" in str(ended.outcome.error)
@@ -186,7 +186,7 @@ def test_a_tip_that_jumps_stops_the_run_at_the_next_visit_to_the_reference(tmp_p
 @pytest.mark.long
 def test_wear_of_the_tip_is_seen_and_allowed_for(tmp_path: Path) -> None:
     """0.01 mm a touch: 0.6 mm in all, several times what the held-out touches would be off by otherwise."""
-    cell = cell_with(tmp_path, "  errors: {wear: 20}\n")
+    cell = quick_cell(tmp_path, "  errors: {wear: 20}\n")
     procedure = short_campaign(tmp_path, touches_fit=50, reference_every=10)
     text = procedure.read_text()
     procedure.write_text(text[: text.index("  - id: proof")] + text[text.index("cleanup:") :])  # it is judged before
@@ -205,7 +205,7 @@ def at_two_speeds(tmp_path_factory) -> list[Ended]:
     runs = []
     for speed in (2, 8):
         folder = tmp_path_factory.mktemp(f"speed{speed}")
-        runs.append(run_here(touches_procedure(folder, 7, speed), cell_with(folder), folder))
+        runs.append(run_here(touches_procedure(folder, 7, speed), quick_cell(folder), folder))
     return runs
 
 

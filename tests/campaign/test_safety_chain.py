@@ -9,7 +9,7 @@ import pytest
 
 from cellctl.engine import Action, Operator, State
 from cellctl.journal import InterlockChanged, fold, read_journal
-from tests.helpers.runs import cell_with, cellctl, faults, run_here, touches_procedure
+from tests.helpers.runs import cellctl, faults, quick_cell, run_here, touches_procedure
 
 pytestmark = pytest.mark.campaign
 
@@ -38,7 +38,7 @@ def watched(folder: Path, interlocks: str = INTERLOCKS) -> Path:
     ],
 )
 def test_the_arm_stops_and_the_interlock_aborts_the_run(tmp_path, fault, interlock, message, when):
-    cell = cell_with(tmp_path, faults(f"fault: {fault}, {when}"), PLC)
+    cell = quick_cell(tmp_path, faults(f"fault: {fault}, {when}"), PLC)
     ended = run_here(watched(tmp_path), cell, tmp_path)
     assert ended.outcome.state is State.ABORTED, ended.outcome.error
     assert f"interlock '{interlock}' does not hold" in str(ended.outcome.error)
@@ -53,7 +53,7 @@ def test_the_arm_stops_and_the_interlock_aborts_the_run(tmp_path, fault, interlo
 
 
 def test_the_operator_reads_which_interlock_and_the_exit_code_is_3(tmp_path):
-    cell = cell_with(tmp_path, faults(f"fault: safety.guard_open, {IN_SEARCH}"), PLC)
+    cell = quick_cell(tmp_path, faults(f"fault: safety.guard_open, {IN_SEARCH}"), PLC)
     done = cellctl("run", watched(tmp_path), "--cell", cell, "--runs", tmp_path / "runs")
     assert done.returncode == 3, done.stderr
     assert "interlock 'guard' does not hold (plc: guard_closed)" in done.stderr + done.stdout
@@ -91,7 +91,7 @@ def test_a_stopped_run_waits_for_the_reset_and_goes_on_at_the_same_touch(tmp_pat
             await asyncio.sleep(0.1)
 
     interlocks = WAITING.replace("RESUME", resume) + "steps:\n"
-    cell = cell_with(tmp_path, faults(f"fault: {fault}, {IN_SEARCH}"), PLC)
+    cell = quick_cell(tmp_path, faults(f"fault: {fault}, {IN_SEARCH}"), PLC)
     ended = run_here(watched(tmp_path, interlocks), cell, tmp_path, meanwhile=operator)
     assert ended.outcome.state is State.FINISHED, ended.outcome.error
     rows = [row for row in ended.journal.rows if row.event.row_kind == "touch" and ended.journal.counts(row)]
@@ -110,7 +110,7 @@ def _paused(run: Path) -> bool:
 
 
 def test_a_plc_that_is_gone_aborts_the_run_too(tmp_path):
-    cell = cell_with(tmp_path, faults(f"fault: plc.gone, {IN_SEARCH}"), PLC)
+    cell = quick_cell(tmp_path, faults(f"fault: plc.gone, {IN_SEARCH}"), PLC)
     ended = run_here(watched(tmp_path), cell, tmp_path)
     assert ended.outcome.state is State.ABORTED, ended.outcome.error
     assert "plc: " in str(ended.outcome.error)
@@ -123,7 +123,7 @@ def test_with_a_plc_polled_beside_it_the_same_seed_gives_the_same_rows(tmp_path)
     for name in ("first", "second"):
         folder = tmp_path / name
         folder.mkdir()
-        ended = run_here(watched(folder), cell_with(folder, "", PLC), folder)
+        ended = run_here(watched(folder), quick_cell(folder, "", PLC), folder)
         assert ended.outcome.state is State.FINISHED, ended.outcome.error
         rows.append(ended.touches)
     assert rows[0] == rows[1]

@@ -21,7 +21,6 @@ from cellctl.formats import ModelFile
 from cellctl.journal import StepStarted, fold, read_journal
 from tests.helpers.runs import (
     CELL,
-    FASTEST,
     PATIENCE_S,
     ROOT,
     SEED,
@@ -43,7 +42,7 @@ HELD_OUT, TARGETS = 12, 15
 """Of the robots after the first, which has 30 of each: the touches that identify them are all there, and 90 stand-offs
 tell the ratio of their errors to the predicted ones within 8 %."""
 
-FEWER = tuple(f"--set={setting}" for setting in (f"touches_test={HELD_OUT}", f"standoff_targets={TARGETS}", *FASTEST))
+FEWER = tuple(f"--set={setting}" for setting in (f"touches_test={HELD_OUT}", f"standoff_targets={TARGETS}"))
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +131,7 @@ def test_a_flexible_robot_with_gear_error_and_play_is_identified_as_far_as_its_m
     move the TCP by 0.22 mm RMS: the most that geometry and effects leave. None of it leaves repeatability alone.
     """
     flexible = CELL.parent / "flexible_sphere_cell.yaml"
-    result = campaign(1, tmp_path, "--cell", str(flexible), *FEWER).result
+    result = campaign(1, tmp_path, *FEWER, shipped=flexible).result
     assert result["verdict"] == "better"
     assert result["standoff"]["n"] == TARGETS
     assert result["before"]["mean"] >= 0.5

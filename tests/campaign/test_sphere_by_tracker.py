@@ -12,11 +12,12 @@ import pytest
 from cellctl.formats import ModelFile
 from cellctl.journal import fold, read_journal
 from procedures.steps.by_tracker.verdict import ByTrackerVerdict, JudgedPosesRow
-from tests.helpers.runs import FASTEST, cellctl
+from tests.helpers.runs import FASTEST, ROOT, cellctl, quick_cell
 
 pytestmark = [pytest.mark.campaign, pytest.mark.long]
 
 SEED = 1
+CELL = ROOT / "procedures" / "cells" / "sphere_tracker_cell.yaml"
 FEWER = {"touches_test": 8, "poses_register": 20, "poses_test": 20, "samples": 2}
 """Than in a whole campaign; the touches that identify are all there."""
 
@@ -36,7 +37,8 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     settings = [*(f"{name}={value}" for name, value in FEWER.items()), *FASTEST]
     words = [word for setting in settings for word in ("--set", setting)]
     result = folder / "result.json"
-    ended = cellctl("run", "sphere_by_tracker", "--seed", str(SEED), *words, "--runs", folder, "--json", result)
+    places = ("--cell", quick_cell(folder, shipped=CELL), "--runs", folder, "--json", result)
+    ended = cellctl("run", "sphere_by_tracker", "--seed", str(SEED), *words, *places)
     assert ended.returncode in (0, 1), ended.stderr
     content = json.loads(result.read_text())
     return Done(ended.returncode, content, folder / content["run"])

@@ -311,7 +311,8 @@ def test_a_bumped_station_begins_a_new_session_and_the_poses_of_that_round_are_l
 
 @pytest.mark.long
 def test_a_station_that_keeps_moving_ends_the_run(tmp_path: Path, capsys: Any) -> None:
-    cell = cell_of(tmp_path, "  errors: {station_drift: 300}\n")
+    # 30 mm/h: half a millimetre from one visit to the next, which is 40 s later
+    cell = cell_of(tmp_path, "  errors: {station_drift: 1000}\n")
     ended = run_here(procedure_of(tmp_path, monuments_every=5), cell, tmp_path)
     end = told(ended, tmp_path, capsys)
     assert end.exit == 3

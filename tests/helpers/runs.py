@@ -80,15 +80,50 @@ def touches_procedure(folder: Path, fit: int = 5, speed_mm_s: float = 5) -> Path
     return path
 
 
-def cell_with(folder: Path, simulate: str = "", replace: dict[str, str] | None = None) -> Path:
-    """A copy of the shipped cell with lines added to its `simulate:` section, and pieces of text replaced."""
-    text = CELL.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
-    text = text.replace("ethernet=rsi_ethernet.xml", f"ethernet={CELL.parent}/rsi_ethernet.xml")
+def copied_cell(
+    shipped: Path, folder: Path, simulate: str = "", replace: dict[str, str] | None = None, name: str = "cell.yaml"
+) -> Path:
+    """A copy of a shipped cell with lines added to its `simulate:` section, and pieces of text replaced."""
+    text = shipped.read_text().replace("../robots/", f"{shipped.parents[1]}/robots/")
+    text = text.replace("?ethernet=", f"?ethernet={shipped.parent}/")
+    text = text.replace("programs: ur10e_programs", f"programs: {shipped.parent}/ur10e_programs")
     for old, new in (replace or {}).items():
         assert old in text, f"the shipped cell has no '{old}'"
         text = text.replace(old, new)
-    path = folder / "cell.yaml"
+    path = folder / name
     path.write_text(text.rstrip() + "\n" + simulate)
+    return path
+
+
+def cell_with(folder: Path, simulate: str = "", replace: dict[str, str] | None = None) -> Path:
+    """A copy of the shipped sphere cell with lines added to its `simulate:` section, and pieces of text replaced."""
+    return copied_cell(CELL, folder, simulate, replace)
+
+
+QUICK_STATION = "edm_s: 0.2, fine_adjust_s: 0.2, lock_s: 0.2, speed_deg_s: 180"
+"""Settings of `simulate: tracker:` that change how long a measurement takes, and not what it shows."""
+
+
+def quick_cell(
+    folder: Path,
+    simulate: str = "",
+    replace: dict[str, str] | None = None,
+    *,
+    shipped: Path = CELL,
+    name: str = "cell.yaml",
+) -> Path:
+    """As `copied_cell`, and a minute in it costs less: RSI in cycles of 12 ms, a station that measures and turns fast.
+
+    For tests whose subject is none of them. Measured contacts and poses are as good as in the shipped cell, as contacts
+    are interpolated between two cycles; only the over-travel after a contact is 1.5 times as long.
+    """
+    path = copied_cell(shipped, folder, simulate, replace, name)
+    text = path.read_text().replace("&eki=", "&cycle=ipo&eki=")
+    if "  tracker: {" in text:
+        text = text.replace("  tracker: {", f"  tracker: {{{QUICK_STATION}, ")
+    elif "  tracker: " in text:
+        text += f"  tracker: {{{QUICK_STATION}}}\n"
+    path.write_text(text)
     return path
 
 
@@ -243,11 +278,12 @@ class Whole:
         return [json.loads(line) for line in (self.run.parent / "truth.jsonl").read_text().splitlines()]
 
 
-def campaign(seed: int, folder: Path, *more: str | Path) -> Whole:
-    """The shipped campaign on the robot of that seed, which ends better than nominal."""
+def campaign(seed: int, folder: Path, *more: str | Path, shipped: Path = CELL) -> Whole:
+    """The shipped campaign in a quick cell, at the highest speeds, on the robot of that seed: better than nominal."""
     truth = ("--simulator=--truth-log", f"--simulator={folder / 'truth.jsonl'}")
-    result = folder / "result.json"
-    done = cellctl("run", SELFCAL, "--seed", str(seed), "--runs", folder, "--json", result, *truth, *more)
+    result, cell = folder / "result.json", quick_cell(folder, shipped=shipped)
+    given = ("--cell", cell, "--seed", str(seed), *(f"--set={setting}" for setting in FASTEST), *truth, *more)
+    done = cellctl("run", SELFCAL, "--runs", folder, "--json", result, *given)
     assert done.returncode == 0, done.stderr
     return _read(folder)
 

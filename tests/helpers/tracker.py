@@ -39,7 +39,7 @@ from sims.geocom._accuracy import ARCSEC, PROFILES, profile_of, set_up_of
 from sims.geocom._optics import AxisErrors, direction_of, levelled, point_at, tilt_of, to_instrument
 from sims.world import World
 from sims.world.true_places import TrueReflectors, TrueStation
-from tests.helpers.runs import ROOT, Ended, faults, finished_run, run_here
+from tests.helpers.runs import ROOT, Ended, faults, finished_run, quick_cell, run_here
 
 PROCEDURE = ROOT / "procedures" / "tracker_calibration.yaml"
 CELL = ROOT / "procedures" / "cells" / "tracker_cell.yaml"
@@ -52,6 +52,7 @@ FEW = {
     "model": "geometry",
     "warm_up_minutes": 0.05,
     "warm_up_limit": 2,
+    "transfer_speed": 50,
 }
 
 FLEXIBLE = ("compliance", "gear", "backlash", "expansion", "warm_up")
@@ -60,7 +61,7 @@ NO_SCATTER = (0.0, 0.0, 0.0)
 
 HEAVY_CELL = ROOT / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"
 CALIBRATION = ROOT / "procedures" / "papers" / "configuration_space_kriging.yaml"
-TARGETS = "../targets/heavy_robot.csv"
+TARGETS = ROOT / "procedures" / "papers" / "targets" / "heavy_robot.csv"
 """The poses of the paper's task workspace; its set `test` is in no fit."""
 MOST_MM, OVER_FLOOR = 0.15, 1.15
 """Demands on iterated methods: largest error, and RMS divided by the floor's."""
@@ -81,12 +82,8 @@ def procedure_of(folder: Path, **values: object) -> Path:
 
 
 def cell_of(folder: Path, simulate: str = "", name: str = "cell.yaml") -> Path:
-    """A copy of the shipped cell with lines added to its `simulate:` section."""
-    text = CELL.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
-    text = text.replace("ethernet=rsi_ethernet.xml", f"ethernet={CELL.parent}/rsi_ethernet.xml")
-    path = folder / name
-    path.write_text(text.rstrip() + "\n" + simulate)
-    return path
+    """A quick copy of the shipped cell with lines added to its `simulate:` section."""
+    return quick_cell(folder, simulate, shipped=CELL, name=name)
 
 
 def run(folder: Path, *settings: str, meanwhile: Any = None, **values: object) -> Ended:
@@ -294,7 +291,7 @@ class Verified:
         return floor_ratio(self.after, self.floor)
 
 
-def calibrated(seed: int, folder: Path) -> Path:
+def calibrated(seed: int, folder: Path, cell: Path = HEAVY_CELL, speed_percent: int = 30) -> Path:
     """The run folder of a calibration of the heavy-robot cell by `auto` from the 160 poses; an earlier one serves.
 
     Without the step that fits eight more models to compare them: `tests/papers` runs it.
@@ -304,11 +301,21 @@ def calibrated(seed: int, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     procedure = folder / CALIBRATION.name
     procedure.write_text(before + after[after.index("\n\n") :])
-    settings = ("--cell", HEAVY_CELL, "--seed", str(seed), "--set", "poses_test=6", "--set", "model=auto")
-    return finished_run(folder / f"calibrated-{seed}", procedure, *settings)
+    settings = ("poses_test=6", "model=auto", f"pose_file={TARGETS}", f"transfer_speed={speed_percent}")
+    given = ("--cell", cell, "--seed", str(seed), *(f"--set={setting}" for setting in settings))
+    return finished_run(folder / f"calibrated-{seed}", procedure, *given)
 
 
-def verified(seed: int, model_run: Path, folder: Path, method: str, passes: int = 0, targets: int = 80) -> Path:
+def verified(
+    seed: int,
+    model_run: Path,
+    folder: Path,
+    method: str,
+    passes: int = 0,
+    targets: int = 80,
+    cell: Path = HEAVY_CELL,
+    speed_percent: int = 30,
+) -> Path:
     """The run folder of `compensate_and_verify` by `method`; an earlier one serves. passes: 0: until it converges."""
     settings = {
         "model_run": model_run,
@@ -317,7 +324,8 @@ def verified(seed: int, model_run: Path, folder: Path, method: str, passes: int 
         "method": method,
         "passes": passes,
         "two_face_limit": 0.2,
+        "transfer_speed": speed_percent,
     }
     given = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
     runs = folder / f"{method}-{passes or 'iterated'}-{seed}"
-    return finished_run(runs, "compensate_and_verify", "--cell", HEAVY_CELL, "--seed", str(seed), *given)
+    return finished_run(runs, "compensate_and_verify", "--cell", cell, "--seed", str(seed), *given)

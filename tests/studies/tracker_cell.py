@@ -18,8 +18,8 @@ from cellctl.journal import fold, read_journal
 from cellctl.metrology.error_figures import floor_ratio
 from cellctl.metrology.measured_pose import nees_range
 from procedures.steps.tracker.rows import TrackerVerdict
-from tests.helpers.runs import ROOT, finished_run
-from tests.helpers.tracker import CELL, FLEXIBLE, Truth, cell_of, found_frames, frame_errors, held_out, true_frames
+from tests.helpers.runs import ROOT, copied_cell, finished_run
+from tests.helpers.tracker import CELL, FLEXIBLE, Truth, found_frames, frame_errors, held_out, true_frames
 from tests.studies._runner import ROWS, Row, Study, Table, each
 from tests.studies.compensation_methods import figures
 
@@ -41,7 +41,8 @@ def measure(robots: str, seed: int) -> Row:
     with its error of place (mm), of direction (deg), and NEES. Raises RuntimeError where it comes to no verdict.
     """
     with tempfile.TemporaryDirectory() as folder:
-        cell = cell_of(Path(folder), CELLS[robots], "every_effect.yaml") if CELLS[robots] else CELL
+        lines = CELLS[robots]
+        cell = copied_cell(CELL, Path(folder), lines, name="every_effect.yaml") if lines else CELL
         runs = ROWS.resolve() / "tracker_cell" / f"{cell.stem}-{seed}"
         run = finished_run(runs, "tracker_calibration", "--cell", cell, "--seed", str(seed))
         journal, truth = fold(read_journal(run)), Truth(cell, seed)
