@@ -10,7 +10,7 @@ from cellctl.cli.exit_codes import Exit
 from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.engine import State
 from cellctl.operations.run_folder import result_of
-from tests.helpers.runs import UNHURRIED, cell_with, run_here, touches_procedure
+from tests.helpers.runs import UNHURRIED, quick_cell, run_here, touches_procedure
 
 IDENTIFY = """  - {id: identify, do: sphere.identify, with: {model: geometry}, timeout: 300}
 cleanup:"""
@@ -24,8 +24,8 @@ def test_a_wrong_certified_distance_ends_the_run_with_exit_code_2_its_line_and_n
     procedure.write_text(text)
     for name in ("true", "stated"):
         (tmp_path / name).mkdir()
-    truth = cell_with(tmp_path / "true", UNHURRIED)
-    stated = cell_with(tmp_path / "stated", UNHURRIED, {"mm: 700.412": "mm: 705.412"})
+    truth = quick_cell(tmp_path / "true", UNHURRIED)
+    stated = quick_cell(tmp_path / "stated", UNHURRIED, {"mm: 700.412": "mm: 705.412"})
     ended = run_here(procedure, stated, tmp_path, simulated_cell=truth)
     run = tmp_path / "run"
     assert (ended.outcome.state, exit_of(ended.outcome)) == (State.FAILED, Exit.BAD_INPUT)

@@ -13,7 +13,7 @@ from cellctl.journal import fold, read_journal
 from cellctl.metrology.four_point import tips
 from cellctl.operations.replay import Agreement, replay_run
 from procedures.steps.tool.rows import ToolTouchRow, ToolVerdict
-from tests.helpers.runs import ROOT, cell_with, cellctl
+from tests.helpers.runs import ROOT, cellctl, quick_cell
 from tests.helpers.simulated_data import true_points
 
 pytestmark = pytest.mark.campaign
@@ -24,7 +24,7 @@ FEW = ["--set", "orientations=5", "--set", "orientations_test=2", "--set", "touc
 
 @pytest.mark.long
 def test_on_a_robot_with_a_wrong_tool_alone_the_true_tool_is_found_and_replay_finds_it_again(tmp_path: Path) -> None:
-    cell, result = cell_with(tmp_path, ONLY_THE_TOOL), tmp_path / "result.json"
+    cell, result = quick_cell(tmp_path, ONLY_THE_TOOL), tmp_path / "result.json"
     done = cellctl("run", "tool_four_point", "--cell", cell, *FEW, "--runs", tmp_path / "runs", "--json", result)
     assert done.returncode == 0, done.stderr
     content = json.loads(result.read_text())

@@ -7,9 +7,10 @@ import pytest
 
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
+from cellctl.files import parse_yaml
 from cellctl.journal import fold, read_journal
 from procedures.steps.tracker.rows import ComparedModelsRow
-from tests.helpers.runs import ROOT, cellctl
+from tests.helpers.runs import ROOT, cellctl, quick_cell
 
 PAPERS = ROOT / "procedures" / "papers"
 FEW_POSES = {
@@ -19,12 +20,13 @@ FEW_POSES = {
     "samples": 2,
     "warm_up_minutes": 0.05,
     "warm_up_limit": 2,
+    "transfer_speed": 50,
 }
 FEW = {
-    "spherical_constraint": {"touches_fit": 20, "touches_test": 8},
+    "spherical_constraint": {"touches_fit": 20, "touches_test": 8, "search_speed": 10, "transfer_speed": 50},
     "compensation_methods": {**FEW_POSES, "method": "newton-raphson"},
-    "configuration_space_kriging": FEW_POSES,
-    "point_selection": FEW_POSES,
+    "configuration_space_kriging": {**FEW_POSES, "pose_file": PAPERS / "targets" / "heavy_robot.csv"},
+    "point_selection": {**FEW_POSES, "pose_file": PAPERS / "targets" / "flexible_arm.csv"},
 }
 
 
@@ -47,7 +49,9 @@ def test_the_procedure_fits_its_cell(name: str) -> None:
 def test_a_small_run_is_better_than_nominal_and_its_replay_is_equal(name: str, tmp_path: Path) -> None:
     result = tmp_path / "result.json"
     procedure = PAPERS / f"{name}.yaml"
-    done = cellctl("run", procedure, "--seed", "1", "--runs", tmp_path / "runs", "--json", result, *settings(name))
+    shipped = procedure.parent / parse_yaml(procedure.read_text(), str(procedure)).data["cell"]
+    places = ("--cell", quick_cell(tmp_path, shipped=shipped), "--runs", tmp_path / "runs", "--json", result)
+    done = cellctl("run", procedure, "--seed", "1", *places, *settings(name))
     assert done.returncode == 0, done.stderr
     found = json.loads(result.read_text())
     assert found["verdict"] == "better"
