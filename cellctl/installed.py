@@ -55,8 +55,19 @@ def named_contributions(group: str, kind: type[T], what: str, broken: list[str])
             broken.append(f"{label} is no {kind.__name__}")
 
 
+def names_in(group: str) -> frozenset[str]:
+    """The names in an entry point group."""
+    return frozenset(point.name for point in entry_points(group=group))
+
+
+def examples() -> Path:
+    """The folder of the example packages: in the installed package, or `docs/examples` of the source tree."""
+    inside = Path(__file__).with_name("examples")
+    return inside if inside.is_dir() else Path(__file__).parents[1] / "docs" / "examples"
+
+
 def has_package(name: str) -> bool:
-    """Whether a package of an extra is installed."""
+    """Whether a package of that name can be imported."""
     return find_spec(name) is not None
 
 
@@ -168,6 +179,15 @@ def robot_file(model: str, folder: Path) -> Path:
     """
     path = folder / model
     return path if path.is_file() else shipped("robot").get(model, path)
+
+
+def cell_file(cell: str, folder: Path) -> Path:
+    """The cell file that `cell`, the text in a procedure in `folder`, means: a path from `folder`, or a shipped name.
+
+    An existing file has priority. A text that is neither is returned as a path from `folder`.
+    """
+    path = folder / cell
+    return path if path.is_file() else shipped("cell").get(cell, path)
 
 
 def near(name: str) -> str:

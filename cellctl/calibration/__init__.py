@@ -29,8 +29,8 @@ from cellctl.calibration.identification.identify import Identification, certifie
 from cellctl.calibration.identification.ladder import Step
 from cellctl.calibration.identification.moved import MOVED
 from cellctl.calibration.identification.progress import Progress
-from cellctl.calibration.model.parameter import Group, Parameter, Unit
-from cellctl.calibration.model.postures import At, Postures
+from cellctl.calibration.model.parameter import Group, Parameter, Phrase, Unit
+from cellctl.calibration.model.postures import At, Postures, varies
 from cellctl.calibration.model.robot_model import RobotModel
 from cellctl.calibration.model.unknowns import State, Tolerances, Unknowns
 from cellctl.calibration.observability.unobservable import OBSERVABLE_SIGMAS, Hidden, Observability, observability
@@ -125,6 +125,7 @@ __all__ = [
     "Observability",
     "OnlineTerms",
     "Parameter",
+    "Phrase",
     "PlaneEstimate",
     "PlaneRows",
     "PoseRows",
@@ -177,5 +178,6 @@ __all__ = [
     "sigma_doubts",
     "sigma_over_region",
     "sphere_centre",
+    "varies",
     "verdict_sentence",
 ]

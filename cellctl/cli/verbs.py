@@ -76,6 +76,11 @@ VERBS = {
     "krl": Verb("cell", "krl", "Write the files to load on the controller."),
     "firmware": Verb("firmware", "firmware", "Write the contact probe's firmware, to load or to build it."),
     "sim": Verb("cell", "sim", "Run a cell's simulators until Ctrl-C."),
+    "new": Verb(
+        "new",
+        "new",
+        "Make a package with a driver, simulator, campaign, effect, row kind or compensation method of your own.",
+    ),
     "console": Verb("cell", "console", "Serve the operator's console and its JSON API until Ctrl-C."),
 }
 """In the order of work, as the help lists them."""

@@ -20,7 +20,17 @@ from cellctl.formats.description import plain_number
 from cellctl.formats.design_problem import candidate_rows, design_problem
 from cellctl.formats.fit_report import fit_report, sentence
 from cellctl.formats.load import Load, load_of
-from cellctl.formats.measurements import Kind, Measurements, ModelChoice, ModelTerms, measurements, nominal_model
+from cellctl.formats.measurements import (
+    Kind,
+    Measurements,
+    ModelChoice,
+    ModelTerms,
+    Reading,
+    RowKind,
+    distance_sigma,
+    measurements,
+    nominal_model,
+)
 from cellctl.formats.measurements.columns import SIGMA_COLUMNS
 from cellctl.formats.model import ModelFile
 from cellctl.formats.online import CorrectionFile
@@ -42,8 +52,10 @@ __all__ = [
     "ModelFile",
     "ModelTerms",
     "Nest",
+    "Reading",
     "Rejected",
     "RobotFile",
+    "RowKind",
     "Sieve",
     "Sphere",
     "TableFile",
@@ -52,6 +64,7 @@ __all__ = [
     "compensated_targets",
     "currents_of",
     "design_problem",
+    "distance_sigma",
     "fit_report",
     "floor_of",
     "from_prior",

@@ -11,6 +11,7 @@ from typing import Any
 
 from cellctl.files import Document, InputError, Path, Problem, load_yaml
 from cellctl.files.kinds import PROCEDURE
+from cellctl.installed import cell_file
 from cellctl.procedure.fields import NAME_RULE, Fields, Findings, did_you_mean, is_name, is_number
 from cellctl.procedure.model import (
     Action,
@@ -55,7 +56,7 @@ def load_procedure(path: pathlib.Path) -> Procedure:
 
 
 def read_procedure(document: Document) -> Procedure:
-    """The procedure in `document`; the path of its cell is relative to the document's folder."""
+    """The procedure in `document`; its cell is a path from the document's folder, or a shipped name."""
     findings = Findings(document)
     fields = Fields(findings, document.data, (), _PROCEDURE, "a procedure")
     cell = fields.text("cell")
@@ -63,7 +64,7 @@ def read_procedure(document: Document) -> Procedure:
         document,
         name=fields.name("procedure"),
         title=fields.text("title"),
-        cell=pathlib.Path(document.file).parent / cell if cell else None,
+        cell=cell_file(cell, pathlib.Path(document.file).parent) if cell else None,
         parameters=_parameters(findings, fields),
         steps=read_actions(findings, fields.raw("steps", needed=True), ("steps",)) if "steps" in fields else (),
         cleanup=read_cleanup(findings, fields),

@@ -9,7 +9,7 @@ from cellctl.kinematics import pose_from_xyz_abc
 from cellctl.report.fit.page import write_fit_page
 from cellctl.setup_check import check_setup
 from cellctl.setup_check.hypothesis import Setup
-from tests.extension.calibration_kit.heights import HeightRows
+from docs.examples.calibration_kit.calibration_kit.row_kind import HeightRows
 from tests.helpers.reports import KR5, postures, told, truth
 
 PLACE = pose_from_xyz_abc([1500.0, -200.0, 300.0], [30.0, 2.0, -1.0])

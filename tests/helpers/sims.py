@@ -7,23 +7,16 @@ client that writes bytes by hand, and lets time pass meanwhile.
 
 from __future__ import annotations
 
-import select
 import socket
-import time
 from dataclasses import replace
 from math import atan2, cos, degrees, hypot, radians, sin
 from pathlib import Path
 
 import numpy as np
 
+from sims.bench import Bench, catalogue
 from sims.cell import ERRORS, read_cell
-from sims.faults import Fault, FaultCatalogue, Faults
-from sims.kernel import Kernel
-from sims.memory import Memory
-from sims.scene.scene import Scene
-from sims.simulator import Setup
-from sims.simulators import installed
-from sims.wires import Wire
+from sims.faults import Fault
 from sims.world import World
 
 CELL = read_cell(Path(__file__).parents[2] / "procedures/cells/sphere_cell.yaml")
@@ -39,30 +32,8 @@ TOUCH_MM = 61.4 / 2 + 0.6
 PATIENCE_S = 60.0
 
 
-def catalogue() -> FaultCatalogue:
-    """All faults, and the events of all simulators."""
-    return installed().catalogue(f"{scheme}://" for one in installed().all for scheme in one.schemes)
-
-
 def read_fault(entry: dict[str, object]) -> Fault:
     return catalogue().read(entry)
-
-
-def setup_of(cell, device: str, kernel: Kernel, faults: Faults, *, truth_log=None, memory=None) -> Setup:
-    """For one device of `cell`, in a scene of its own."""
-    memory = memory or Memory()
-    address = cell.addresses[device]
-    return Setup(
-        device=device,
-        address=address,
-        settings=cell.simulate.settings[installed().of(address).section],
-        cell=cell,
-        kernel=kernel,
-        scene=Scene(kernel, cell, faults, truth_log=truth_log, memory=memory),
-        faults=faults,
-        wire=Wire(),
-        memory=memory,
-    )
 
 
 def with_errors(cell=CELL, **errors):
@@ -96,14 +67,11 @@ def search_until_contact(pc):
     return pc.finish((STEP_DEG * i, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-class TcpBench:
+class TcpBench(Bench):
     """A simulated device that the subclass starts, and its clients."""
 
-    MOST_TURNS = 100_000
-
     def __init__(self):
-        self.kernel = Kernel("lockstep")
-        self.faults = Faults(self.kernel, catalogue())
+        super().__init__()
         self.clients = []
         self.number = 0
 
@@ -120,36 +88,6 @@ class TcpBench:
 
     def close(self):
         self.stop()
-        self.kernel.close()
+        super().close()
         for client in self.clients:
             client.close()
-
-    def received(self, client, count):
-        """So many bytes, or fewer where the device hangs up; time passes until they are there."""
-        data = b""
-        while len(data) < count:
-            self.until(lambda: select.select([client], [], [], 0)[0])
-            piece = client.recv(count - len(data))
-            if not piece:
-                break
-            data += piece
-        return data
-
-    def until(self, done):
-        """Let time pass until `done()`."""
-        self.kernel._heard_at = time.monotonic_ns()  # somebody is there: time need not keep to the wall
-        turns = 0
-        while not done():
-            self.kernel._lockstep_turn()
-            turns += 1
-            assert turns < self.MOST_TURNS
-
-    def fault(self, name, **settings):
-        """A fault from now on."""
-        self.faults.schedule(read_fault({"fault": name, "at_ms": self.kernel.now / 1e6, **settings}))
-        self.let_pass(0.0)
-
-    def let_pass(self, seconds):
-        reached = []
-        self.kernel.after(round(seconds * 1e9), lambda: reached.append(True))
-        self.until(lambda: reached)

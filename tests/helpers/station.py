@@ -28,11 +28,12 @@ import yaml
 from cellctl.clock import Clock
 from cellctl.devices import Address, Surroundings
 from drivers.geocom_tracker.description import open_tracker
+from sims.bench import catalogue
 from sims.faults import Faults
 from sims.geocom._accuracy import PROFILES
 from sims.geocom._instrument import Build
 from sims.geocom._server import LaserStation
-from tests.helpers.sims import catalogue, read_fault
+from tests.helpers.sims import read_fault
 
 NULL, ATMOSPHERE, SET_ATMOSPHERE, MEASURE, FULL, ANGLES = 0, 2029, 2028, 2008, 2167, 2107
 TURN, FINE, LOCK_IN, LOCK_STATE, CHANGE_FACE = 9027, 9037, 9013, 6021, 9028

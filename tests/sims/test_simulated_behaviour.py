@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from sims.bench import catalogue, setup_of
 from sims.cell import read_cell
 from sims.drives._drive import objects_of
 from sims.faults import Faults
@@ -32,7 +33,6 @@ from sims.ur._dashboard import Dashboard
 from sims.ur._servers import start as ur_servers
 from sims.varproxy._controller import start
 from tests.helpers.runs import ROOT
-from tests.helpers.sims import catalogue, setup_of
 from tests.helpers.station import Bench, Scene
 
 PAGE = ROOT / "docs" / "reference" / "simulated-behaviour.md"

@@ -5,6 +5,7 @@ from cellctl.formats.measurements._measured import Measurements, measurements, r
 from cellctl.formats.measurements._model_choice import ModelChoice, ModelTerms, nominal_model
 from cellctl.formats.measurements._rows import Reading
 from cellctl.formats.measurements._sessions import OWN, Spacing
+from cellctl.formats.measurements.columns import distance_sigma
 from cellctl.formats.measurements.kinds import KINDS, Kind, RowKind, measure_of
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "Reading",
     "RowKind",
     "Spacing",
+    "distance_sigma",
     "measure_of",
     "measurements",
     "nominal_model",

@@ -11,7 +11,7 @@ from cellctl.files import InputError
 from cellctl.formats import DataSet, ModelFile, RobotFile, fit_report, measurements
 from cellctl.report.fit import FitStory
 from cellctl.report.fit.page import write_fit_page
-from tests.extension.calibration_kit.tool_heat import ToolInTheHeat
+from docs.examples.calibration_kit.calibration_kit.effect import ToolHeat
 from tests.helpers import arms
 from tests.helpers.simulated_data import positions_in_the_heat
 
@@ -22,7 +22,7 @@ PER_K = np.array([0.004, -0.002, 0.012])
 
 @pytest.fixture(autouse=True)
 def with_one_effect_more(monkeypatch):
-    monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, ToolInTheHeat))
+    monkeypatch.setattr(effects, "EFFECTS", (*EFFECTS, ToolHeat))
 
 
 def data(warm: bool = True) -> DataSet:
@@ -85,5 +85,5 @@ def test_what_rows_do_not_show_of_it_is_named_in_its_own_words():
 
     rows = measurements(ROBOT, data(), model="geometry").task.rows.only
     bare = PositionRows(rows.q, rows.xyz, rows.sigma)
-    seen = fit(Task(RobotModel(ROBOT.chain(), (ToolInTheHeat(),)), bare), Split(np.arange(120), ())).observability
-    assert any("heat of the tool along X, Y, Z" in phrase for phrase in seen.unseen)
+    seen = fit(Task(RobotModel(ROBOT.chain(), (ToolHeat(),)), bare), Split(np.arange(120), ())).observability
+    assert any("tool heat along X, Y, Z" in phrase for phrase in seen.unseen)

@@ -8,13 +8,13 @@ from itertools import pairwise
 import pytest
 
 from sims import kernel as kernel_module
+from sims.bench import catalogue
 from sims.control import STRIDE_NS, ControlPort
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.krc._rsi_exchange import target_of
 from sims.scene.safety import Safety
 from sims.wires import Wire
-from tests.helpers.sims import catalogue
 
 MS = 1_000_000
 PATIENCE_S = 90

@@ -4,8 +4,9 @@ import re
 
 import pytest
 
+from sims.bench import catalogue
 from sims.faults import FaultError, Faults
-from tests.helpers.sims import catalogue, read_fault
+from tests.helpers.sims import read_fault
 
 MS = 1_000_000
 

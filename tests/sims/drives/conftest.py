@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import can
 import pytest
 
+from sims.bench import catalogue, setup_of
 from sims.drives._server import DriveServer
 from sims.faults import Faults
 from sims.kernel import Kernel
-from tests.helpers.sims import catalogue, setup_of, with_errors
+from tests.helpers.sims import with_errors
 
 MS = 1_000_000
 

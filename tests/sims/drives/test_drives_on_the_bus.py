@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import pytest
 
+from sims.bench import catalogue, setup_of
 from sims.drives._server import DriveServer
 from sims.faults import Faults
 from sims.simulator import CannotStart
-from tests.helpers.sims import catalogue, read_fault, setup_of
+from tests.helpers.sims import read_fault
 
 MAPPING = (0x60640020, 0x60780010, 0x60770010)
 NOT_NOW = 0x08000022

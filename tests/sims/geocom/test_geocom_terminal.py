@@ -8,6 +8,7 @@ from math import atan2, cos, hypot, sin
 import numpy as np
 import pytest
 
+from sims.bench import catalogue, setup_of
 from sims.cell import read_cell
 from sims.faults import Faults
 from sims.geocom._description import SIMULATOR
@@ -15,7 +16,6 @@ from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.simulator import CannotStart
 from sims.simulators import installed
-from tests.helpers.sims import catalogue, setup_of
 from tests.helpers.station import write_cell
 
 PATIENCE_S = 60

@@ -14,12 +14,13 @@ from pathlib import Path
 
 import pytest
 
+from sims.bench import catalogue, setup_of
 from sims.cell import ERRORS, read_cell
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.krc._controller import start
 from sims.world import World
-from tests.helpers.sims import catalogue, read_fault, setup_of
+from tests.helpers.sims import read_fault
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 CELL = replace(SHIPPED, artefact=replace(SHIPPED.artefact, plate=None))

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from sims.bench import setup_of
 from sims.cell import read_cell
 from sims.plc._server import PlcServer
-from tests.helpers.sims import TcpBench, setup_of
+from tests.helpers.sims import TcpBench
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/sphere_cell.yaml")
 

@@ -2,12 +2,13 @@
 
 import pytest
 
+from sims.bench import catalogue
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.probe._firmware import Level, level_of
 from sims.probe._server import Circuit
 from sims.scene.contact import ContactLoop
-from tests.helpers.sims import catalogue, read_fault
+from tests.helpers.sims import read_fault
 
 MS = 1_000_000
 

@@ -7,11 +7,12 @@ import threading
 
 import pytest
 
+from sims.bench import catalogue, setup_of
 from sims.cell import read_cell
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.probe._server import ProbeServer
-from tests.helpers.sims import catalogue, read_fault, setup_of
+from tests.helpers.sims import read_fault
 
 MS = 1_000_000
 PATIENCE_S = 90

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from sims.bench import catalogue
 from sims.cell import read_cell
 from sims.conditions import Conditions, Payload
 from sims.faults import Faults
 from sims.scene.scene import Scene
 from sims.world.world import World
-from tests.helpers.sims import catalogue, with_errors
+from tests.helpers.sims import with_errors
 
 POSE = (20.0, -60.0, 70.0, 35.0, -40.0, 100.0)
 WAYS = (1, -1, -1, 1, 1, -1)

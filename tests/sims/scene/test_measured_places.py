@@ -6,13 +6,14 @@ from math import atan2, degrees, dist
 import numpy as np
 import pytest
 
+from sims.bench import catalogue
 from sims.cell import Distance, FlangeReflector, Nest, Reflectors, Station
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.robot_file import Frame
 from sims.scene.scene import Scene
-from tests.helpers.sims import catalogue, read_fault, with_errors
+from tests.helpers.sims import read_fault, with_errors
 
 STATION = Station(
     frame=Frame((2500.0, -1500.0, 300.0), (150.0, 0.0, 0.0)),

@@ -2,11 +2,12 @@
 
 import pytest
 
+from sims.bench import catalogue
 from sims.faults import Faults
 from sims.kernel import Kernel
 from sims.memory import Memory
 from sims.scene.scene import Scene
-from tests.helpers.sims import catalogue, with_errors
+from tests.helpers.sims import with_errors
 
 HOME = (0.0, -90.0, 90.0, 0.0, 45.0, 0.0)
 S = 1_000_000_000

@@ -4,10 +4,11 @@ from math import dist
 
 import pytest
 
+from sims.bench import catalogue
 from sims.cell import Plate
 from sims.faults import Faults
 from sims.scene.scene import Scene
-from tests.helpers.sims import catalogue, with_errors
+from tests.helpers.sims import with_errors
 
 
 @pytest.fixture

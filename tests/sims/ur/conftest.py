@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from sims.bench import setup_of
 from sims.cell import ERRORS, read_cell
 from sims.memory import Memory
 from sims.robot_file import Tool
 from sims.ur._servers import start
-from tests.helpers.sims import PATIENCE_S, TcpBench, setup_of
+from tests.helpers.sims import PATIENCE_S, TcpBench
 
 SHIPPED = read_cell(Path(__file__).parent / "ur10e_cell.yaml")
 CELL = replace(SHIPPED, robot=replace(SHIPPED.robot, tool=Tool((0.0, 0.0, 150.0), (0.0, 0.0, 0.0), 1.0)))

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from sims.bench import setup_of
 from sims.cell import read_cell
 from sims.memory import Memory
 from sims.varproxy._controller import start
-from tests.helpers.sims import TcpBench, setup_of
+from tests.helpers.sims import TcpBench
 
 SHIPPED = read_cell(Path(__file__).parents[3] / "procedures/cells/varproxy_cell.yaml")
 

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sims.bench import catalogue
 from sims.conditions import Conditions, Payload
 from sims.faults import Faults
 from sims.scene.scene import Scene
 from sims.world import World
-from tests.helpers.sims import BENT, CELL, catalogue, with_errors
+from tests.helpers.sims import BENT, CELL, with_errors
 
 LEVEL = (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)  # the flange's z is level: 5 kg at the tip of the tool bend it most
 G = 9.80665

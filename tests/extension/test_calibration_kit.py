@@ -1,6 +1,6 @@
 """An effect, a compensation method and a row kind that nobody knew of work by their entry points alone.
 
-The package is `calibration_kit`, on the path of the processes and installed nowhere. No line of ours names it.
+The package is the example `calibration_kit`, on the path of the processes and installed nowhere.
 """
 
 import json
@@ -8,16 +8,16 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.helpers import arms
+from tests.helpers.examples import EXAMPLES, paths_of
+from tests.helpers.runs import ROOT
 from tests.helpers.simulated_data import positions_in_the_heat
 
-KIT = Path(__file__).parent / "calibration_kit"
-ROOT = Path(__file__).parents[2]
+BROKEN = "[cellctl.effects]\nbroken = calibration_kit.method:damped_pass\n"
 PER_K = np.array([0.004, -0.002, 0.012])
 """By which the tool moves in the flange's frame, mm/K."""
 
@@ -26,17 +26,19 @@ PER_K = np.array([0.004, -0.002, 0.012])
 def folder(tmp_path_factory):
     """With the robot, its data, and the model that was fitted with the invented effect."""
     folder = tmp_path_factory.mktemp("kit")
+    paths_of(EXAMPLES / "calibration_kit", folder / "site", BROKEN)
     (folder / "robot.yaml").write_text(arms.ELBOW_ROBOT)
     (folder / "data.csv").write_text(positions_in_the_heat(PER_K))
     done = cellctl(folder, "fit", "robot.yaml", "data.csv", "--model", "geometry+tool_heat", "--out", "model.json")
     assert done.returncode == 0, done.stderr
-    assert "effect 'broken' (tool_heat:NOTHING) is not used: it is not derived from Effect" in done.stderr
+    assert "effect 'broken' (calibration_kit.method:damped_pass) is no type" in done.stderr
     return folder
 
 
 def cellctl(folder, *words, kit=True):
     command = [sys.executable, "-m", "cellctl", *words]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(KIT), str(ROOT)] if kit else [str(ROOT)])}
+    places = [str(folder / "site"), str(EXAMPLES / "calibration_kit")] if kit else []
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*places, str(ROOT)])}
     options = {"capture_output": True, "text": True, "timeout": 300, "check": False}
     return subprocess.run(command, cwd=folder, env=environment, **options)
 

@@ -1,0 +1,1 @@
+"""Extends the calibration of cellctl."""

@@ -1,0 +1,1 @@
+"""A dial gauge on a serial line."""

@@ -1,0 +1,87 @@
+"""A device of another package works by its entry points alone: driver, simulator, fault, campaign, row, section.
+
+The package is the example `dial_gauge`, on the path of the processes and installed nowhere. No line of cellctl,
+drivers, sims or procedures names it. Its own tests run in `test_new_packages.py`.
+"""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.helpers.examples import EXAMPLES, paths_of
+from tests.helpers.runs import ROOT
+
+PATIENCE_S = 300
+CELL = (EXAMPLES / "dial_gauge" / "dial_gauge" / "cells" / "dial_gauge_cell.yaml").read_text()
+
+
+@pytest.fixture
+def cellctl(tmp_path):
+    """Runs the command line with the example on the path, in a folder with its cell."""
+    (tmp_path / "cell.yaml").write_text(CELL)
+    places = paths_of(EXAMPLES / "dial_gauge", tmp_path / "site")
+
+    def run(*words):
+        program = ["-m", "cellctl"] if words[0] != "-c" else []
+        return subprocess.run(
+            [sys.executable, *program, *words],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([*places, str(ROOT)])},
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+
+    return run
+
+
+def test_nothing_of_ours_names_it():
+    ours = [path for top in ("cellctl", "drivers", "sims", "procedures") for path in (ROOT / top).rglob("*.py")]
+    assert len(ours) > 100
+    named = [path for path in ours if "dial_gauge" in path.read_text(encoding="utf-8")]
+    assert [path.name for path in named if path.name not in ("new.py", "new_package.py")] == []
+
+
+HISTORY = """
+from pathlib import Path
+from starlette.testclient import TestClient
+from cellctl.console.server import Settings, api_app, new_console
+from cellctl.console.frame import NAVIGATION
+Path("runs/one").mkdir(parents=True)
+Path("runs/one/journal.sqlite").touch()
+print(dict(NAVIGATION)["Dial gauge"])
+print(TestClient(api_app(new_console(Settings(Path("runs"))))).get("/api/dial_gauge_mm").json())
+"""
+
+
+@pytest.mark.long
+def test_its_history_is_in_the_navigation_and_has_a_route(cellctl):
+    done = cellctl("-c", HISTORY)
+    assert done.stdout.splitlines() == ["/dial_gauge_mm", "{'runs': {}}"], done.stderr
+
+
+@pytest.mark.long
+def test_its_fault_at_its_event_ends_the_run_with_what_to_do(cellctl, tmp_path):
+    cell = (tmp_path / "cell.yaml").read_text()
+    fault = "  faults: [{fault: dial_gauge.silent, event: dial_gauge.read, count: 4}]\n"
+    (tmp_path / "cell.yaml").write_text(cell + fault)
+    done = cellctl("run", "dial_gauge_drift", "--cell", "cell.yaml", "--json", "result.json")
+    assert done.returncode == 3
+    assert "gauge: no answer to ? for 1 s" in done.stderr
+    assert "look at its cable and its battery" in done.stderr
+    assert json.loads((tmp_path / "result.json").read_text())["state"] == "failed"
+
+
+def test_a_wrong_setting_and_an_unknown_event_of_it_are_found_by_check(cellctl, tmp_path):
+    cell = (tmp_path / "cell.yaml").read_text().replace("drift_mm_min: 0.01", "drift_mm_min: -80")
+    fault = "  faults: [{fault: dial_gauge.silent, event: dial_gauge.melt}]\n"
+    (tmp_path / "cell.yaml").write_text(cell + fault)
+    checked = cellctl("check", "dial_gauge_drift", "--cell", "cell.yaml")
+    assert checked.returncode == 2
+    assert "at least -1 is expected" in checked.stderr
+    assert "dial_gauge.melt" in checked.stderr
+    assert "dial_gauge.read" in checked.stderr
