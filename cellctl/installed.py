@@ -11,7 +11,7 @@ import logging
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, PackageNotFoundError, distribution, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar, final
@@ -58,6 +58,29 @@ def named_contributions(group: str, kind: type[T], what: str, broken: list[str])
 def names_in(group: str) -> frozenset[str]:
     """The names in an entry point group."""
     return frozenset(point.name for point in entry_points(group=group))
+
+
+def points_of(package: str) -> list[EntryPoint]:
+    """The entry points of an installed package in groups of cellctl, by group and name. Raises InputError."""
+    try:
+        points = distribution(package).entry_points
+    except (PackageNotFoundError, ValueError) as error:
+        cure = "install it: pip install -e FOLDER; `pip list` has the names"
+        raise InputError(Problem(package, 0, 0, "is no installed package", cure)) from error
+    ours = sorted(
+        (each for each in points if each.group.startswith("cellctl.")), key=lambda each: (each.group, each.name)
+    )
+    if not ours:
+        cure = "a change of pyproject.toml counts after the package is installed again"
+        raise InputError(Problem(package, 0, 0, "has no entry point in a group `cellctl.…`", cure))
+    return ours
+
+
+def files_beside(modules: Collection[str], kind: Kind) -> list[Path]:
+    """The YAML files of that kind in the folders of these packages."""
+    return sorted(
+        file for place in _places(modules) for name in _FOLDERS[kind] for file in (place / name).glob("*.yaml")
+    )
 
 
 def examples() -> Path:
@@ -138,9 +161,12 @@ def checks_of(devices: Collection[str]) -> tuple[str, ...]:
 @cache
 def _folders() -> tuple[Path, ...]:
     """Of the packages with campaigns, by name. They are not imported."""
-    names = sorted({point.module.partition(".")[0] for point in entry_points(group=CAMPAIGNS)})
-    specs = [spec for spec in map(find_spec, names) if spec]
-    return tuple(Path(place) for spec in specs for place in spec.submodule_search_locations or ())
+    return tuple(_places(sorted({point.module.partition(".")[0] for point in entry_points(group=CAMPAIGNS)})))
+
+
+def _places(modules: Collection[str]) -> Iterator[Path]:
+    for spec in filter(None, map(find_spec, modules)):
+        yield from map(Path, spec.submodule_search_locations or ())
 
 
 def shipped(kind: Kind) -> dict[str, Path]:

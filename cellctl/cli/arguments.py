@@ -19,6 +19,10 @@ def _procedure(given: Path) -> Path:
     return shipped_file("procedure", given)
 
 
+def _procedure_or_none(given: Path | None) -> Path | None:
+    return _procedure(given) if given else None
+
+
 def cell_or_none(given: Path | None) -> Path | None:
     """The cell file of that name, or the shipped one; None where none is given."""
     return shipped_file("cell", given) if given else None
@@ -29,6 +33,9 @@ def _robot(given: Path | None) -> Path | None:
 
 
 Procedure = Annotated[Path, typer.Argument(help="Procedure file or shipped name.", callback=_procedure)]
+AnyProcedure = Annotated[
+    Path | None, typer.Argument(help="Procedure file or shipped name.", callback=_procedure_or_none)
+]
 Cell = Annotated[Path, typer.Argument(help="Cell file or shipped name.", callback=cell_or_none)]
 CellOption = Annotated[Path, typer.Option("--cell", help="Cell file or shipped name.", callback=cell_or_none)]
 OtherCell = Annotated[

@@ -25,11 +25,15 @@ from cellctl.cli.run_progress import (
 from cellctl.files import InputError, Problem
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.launch import Options, PreparedRun, new_run, parent_of_run, run_to_resume
+from cellctl.operations.package_check import check_package
 from cellctl.operations.run_control import failing_into
 
 
 def check(
-    procedure: arguments.Procedure,
+    procedure: arguments.AnyProcedure = None,
+    package: Annotated[
+        str | None, typer.Option(help="Check this installed extension instead, see docs/extend.")
+    ] = None,
     cell: arguments.OtherCell = None,
     set_: arguments.Settings = None,
     runs: arguments.Runs = Path("runs"),
@@ -40,8 +44,14 @@ def check(
     Prints all errors with file, line and remedy. Prints warnings too; they do not change the exit code.
 
     Example: cellctl check sphere_selfcal
+    Example: cellctl check --package dial_gauge
     """
     refuse_outputs({"--json": json_}, [procedure, cell])
+    if package and not procedure:
+        _check_package(package, json_)
+        return
+    if package or not procedure:
+        raise typer.BadParameter("name a procedure, or a package with --package")
     try:
         campaign = load_campaign(procedure, cell, set_ or [], runs=runs)
     except InputError as error:
@@ -53,6 +63,17 @@ def check(
         typer.echo(f"{procedure}: no errors found (cell '{campaign.cell.name}': {', '.join(devices)}).")
     found: dict[str, Any] = {"mistakes": [], "warnings": _listed(campaign.cell.warnings)}
     write_json({"procedure": str(procedure), "cell": campaign.cell.name, "devices": devices, **found}, json_)
+
+
+def _check_package(name: str, json_: str | None) -> None:
+    found = check_package(name)
+    parts = {"entry_points": list(found.entry_points), "files": list(found.files)}
+    write_json({"package": name, **parts, "mistakes": _listed(found.problems)}, json_)
+    if found.problems:
+        raise InputError(found.problems)
+    if json_ != "-":
+        counted = f"{len(found.entry_points)} entry points, {len(found.files)} procedures and cells"
+        typer.echo(f"{name}: no errors found ({counted}).")
 
 
 def _listed(problems: Iterable[Problem]) -> list[dict[str, Any]]:

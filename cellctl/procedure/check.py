@@ -252,15 +252,16 @@ def missing_abilities(driver: type, protocol: type) -> list[str]:
 
     Plain attributes are left out: a driver may set them when it is made.
     """
-    return sorted(name for name in _abilities(protocol) if not hasattr(driver, name))
+    return sorted(name for name in abilities_of(protocol) if not hasattr(driver, name))
 
 
-def _abilities(protocol: type) -> set[str]:
+def abilities_of(protocol: type) -> dict[str, Any]:
+    """Methods and properties of a Protocol by name, inherited ones too."""
     declared: dict[str, Any] = {}
-    for base in protocol.__mro__:
+    for base in reversed(protocol.__mro__):
         if getattr(base, "_is_protocol", False):
             declared |= vars(base)
-    return {name for name, value in declared.items() if not name.startswith("_") and _does_something(value)}
+    return {name: value for name, value in declared.items() if not name.startswith("_") and _does_something(value)}
 
 
 def _does_something(value: Any) -> bool:
