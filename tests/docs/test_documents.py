@@ -37,6 +37,8 @@ UR10 = DATA / "ur10_tracker" / "measurements_grid.csv"
 MEASURED = {"measurements_grid.csv": UR10, "iiwa14_sockets": DATA / "iiwa14_sockets"}
 """Measurements of real robots, by the names that documents call them; they are not in the repository."""
 FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+_SHOWN_FILE = re.compile(r"^```\w+ (\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+"""A block that shows a file, whose path from the document stands behind the language."""
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -205,9 +207,20 @@ def test_the_files_in_a_document_are_good_ones(block: Block, tmp_path: Path) -> 
             raise AssertionError("a kind of file that this test does not know")
 
 
+def test_the_files_that_documents_show_are_those_that_there_are() -> None:
+    shown = set()
+    for page in (ROOT / "docs" / "extend").glob("*.md"):
+        for path, text in _SHOWN_FILE.findall(page.read_text(encoding="utf-8")):
+            assert text == (page.parent / path).read_text(encoding="utf-8"), f"{page.name} shows another {path}"
+            shown.add((page.parent / path).resolve())
+    files = [file for kind in ("*/*/*.py", "*/*/*.yaml") for file in (ROOT / "docs" / "examples").glob(kind)]
+    packages = {file for file in files if file.parent.name != "tests" and file.name != "__init__.py"}
+    assert packages - shown == set(), "each module of an example package is shown"
+
+
 @pytest.mark.parametrize("file", [*DOCS, *FRONT], ids=lambda file: str(file.relative_to(ROOT)))
 def test_the_links_of_a_document_lead_somewhere(file: Path) -> None:
-    text = _BLOCK.sub("", file.read_text(encoding="utf-8"))
+    text = _SHOWN_FILE.sub("", _BLOCK.sub("", file.read_text(encoding="utf-8")))
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
         if "://" not in target:
             assert (file.parent / target).exists(), f"{target} does not exist"
