@@ -142,8 +142,8 @@ def _steps(point: EntryPoint, module: ModuleType) -> Iterator[Problem]:
 
 def _section(point: EntryPoint, section: Any) -> Iterator[Problem]:
     yield from _callable(point, "build", section.build, "run")
-    if not section.needs:
-        yield _at_module(point, f"the section '{section.id}' needs no row", "state `needs=`: it is in every report")
+    for row in section.needs:
+        yield from _undocumented(row)
 
 
 def _effect(point: EntryPoint, effect: type) -> Iterator[Problem]:
