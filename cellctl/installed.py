@@ -24,6 +24,20 @@ Kind = Literal["procedure", "cell", "robot"]
 CAMPAIGNS = "cellctl.campaigns"
 """The entry point group: name = any, value = a `Campaigns`. The files of its package are the shipped ones."""
 
+OBJECTS: Mapping[str, str] = {
+    "cellctl.devices": "DriverDescription",
+    "cellctl.simulators": "Simulator",
+    "cellctl.steps": "module",
+    "cellctl.report_sections": "ReportSection",
+    "cellctl.scene_sources": "SceneSource",
+    "cellctl.commissioning": "CellSteps",
+    "cellctl.campaigns": "Campaigns",
+    "cellctl.effects": "ABCMeta",
+    "cellctl.row_kinds": "RowKind",
+    "cellctl.compensation_methods": "Method",
+}
+"""Entry point group → the name of the class of its objects. Most of them are imported where they are used alone."""
+
 _FOLDERS: dict[Kind, tuple[str, ...]] = {
     "procedure": (".", "papers"),
     "cell": ("cells", "papers/cells"),

@@ -6,8 +6,10 @@ import os
 import select
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
+from sims.cell import read_cell
 from sims.cell_content import SimCell
 from sims.faults import FaultCatalogue, Faults
 from sims.kernel import File, Kernel
@@ -61,8 +63,9 @@ class Bench:
         self.faults = Faults(self.kernel, catalogue())
         self._started: list[Started] = []
 
-    def start(self, cell: SimCell, device: str) -> Started:
-        """Start the simulator of one device of a cell (`sims.cell.read_cell`); its address has port or path."""
+    def start(self, cell_file: Path, device: str) -> Started:
+        """Start the simulator of one device of a cell; its address has port or path."""
+        cell = read_cell(cell_file)
         simulator = installed().of(cell.addresses[device])
         setup = setup_of(cell, device, self.kernel, self.faults)
         assert simulator

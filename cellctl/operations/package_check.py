@@ -23,26 +23,12 @@ from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError, Problem
 from cellctl.formats.measurements import KINDS
-from cellctl.installed import files_beside, points_of
+from cellctl.installed import OBJECTS, files_beside, points_of
 from cellctl.operations.cell_devices import simulation_errors
 from cellctl.operations.checking import checked
 from cellctl.procedure import StepKind, StepRegistry, checked_parameters, load_procedure
 from cellctl.procedure.check import abilities_of
 from cellctl.records import Row
-
-_OBJECTS = {
-    "cellctl.devices": "DriverDescription",
-    "cellctl.simulators": "Simulator",
-    "cellctl.steps": "module",
-    "cellctl.report_sections": "ReportSection",
-    "cellctl.scene_sources": "SceneSource",
-    "cellctl.commissioning": "CellSteps",
-    "cellctl.campaigns": "Campaigns",
-    "cellctl.effects": "ABCMeta",
-    "cellctl.row_kinds": "RowKind",
-    "cellctl.compensation_methods": "Method",
-}
-"""Entry point group → the class of its objects, by name: most are imported by the package that is checked alone."""
 
 _UNKNOWN_LIMIT = "not_a_limit_of_any_driver"
 
@@ -78,9 +64,9 @@ def check_package(name: str) -> CheckedPackage:
 def _of_point(point: EntryPoint) -> Iterator[Problem]:
     """An entry point, and its object if it can be loaded."""
     where = f"entry point {point.group}: {point.name} = {point.value}"
-    if point.group not in _OBJECTS:
-        near = difflib.get_close_matches(point.group, _OBJECTS, n=1)
-        cure = f"did you mean {near[0]}?" if near else f"there are {', '.join(_OBJECTS)}"
+    if point.group not in OBJECTS:
+        near = difflib.get_close_matches(point.group, OBJECTS, n=1)
+        cure = f"did you mean {near[0]}?" if near else f"there are {', '.join(OBJECTS)}"
         yield Problem(where, 0, 0, "is in a group that cellctl does not read", cure)
         return
     try:
@@ -88,11 +74,11 @@ def _of_point(point: EntryPoint) -> Iterator[Problem]:
     except Exception as error:  # the code of another package may raise anything
         yield Problem(where, 0, 0, f"cannot be loaded: {type(error).__name__}: {error}", "import it in Python")
         return
-    if type(found).__name__ != _OBJECTS[point.group]:
-        wanted = _OBJECTS[point.group].replace("ABCMeta", "class derived from Effect")
+    if type(found).__name__ != OBJECTS[point.group]:
+        wanted = OBJECTS[point.group].replace("ABCMeta", "class derived from Effect")
         yield Problem(where, 0, 0, f"is a {type(found).__name__}, and a {wanted} is expected")
         return
-    if check := _CHECKS.get(point.group):
+    if check := _CHECKS.get(OBJECTS[point.group]):
         yield from check(point, found)
 
 
@@ -175,13 +161,13 @@ def _method(point: EntryPoint, method: Any) -> Iterator[Problem]:
 
 
 _CHECKS: Mapping[str, Callable[[EntryPoint, Any], Iterator[Problem]]] = {
-    "cellctl.devices": _driver,
-    "cellctl.simulators": _simulator,
-    "cellctl.steps": _steps,
-    "cellctl.report_sections": _section,
-    "cellctl.effects": _effect,
-    "cellctl.row_kinds": _row_kind,
-    "cellctl.compensation_methods": _method,
+    "DriverDescription": _driver,
+    "Simulator": _simulator,
+    "module": _steps,
+    "ReportSection": _section,
+    "ABCMeta": _effect,
+    "RowKind": _row_kind,
+    "Method": _method,
 }
 
 

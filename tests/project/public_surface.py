@@ -45,6 +45,8 @@ MODULES = (
     "drivers.serial_port",
     "drivers.tcp_connection",
     "sims.simulator",
+    "sims.bench",
+    "sims.wires",
 )
 
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+")

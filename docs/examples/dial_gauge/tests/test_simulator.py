@@ -9,7 +9,6 @@ import dial_gauge
 import pytest
 
 from sims.bench import Bench
-from sims.cell import read_cell
 
 CELL = Path(dial_gauge.__file__).parent / "cells" / "dial_gauge_cell.yaml"
 
@@ -23,7 +22,7 @@ def bench():
 
 @pytest.fixture
 def line(bench):
-    gauge = bench.start(read_cell(CELL), "gauge")
+    gauge = bench.start(CELL, "gauge")
     line = os.open(urlsplit(gauge.address).path, os.O_RDWR | os.O_NOCTTY)
     yield line
     os.close(line)
