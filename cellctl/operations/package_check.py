@@ -249,7 +249,7 @@ def _of_rows(modules: list[str]) -> Iterator[Problem]:
             yield _at(row, what, "a journal cannot tell them apart: give it another KIND")
 
 
-def _derived(kind: type) -> Iterator[type]:
+def _derived(kind: type[Row]) -> Iterator[type[Row]]:
     for each in kind.__subclasses__():
         yield each
         yield from _derived(each)
