@@ -44,7 +44,7 @@ def check(
     Prints all errors with file, line and remedy. Prints warnings too; they do not change the exit code.
 
     Example: cellctl check sphere_selfcal
-    Example: cellctl check --package dial_gauge
+    Example: cellctl check --package my_package
     """
     refuse_outputs({"--json": json_}, [procedure, cell])
     if package and not procedure:
