@@ -13,7 +13,7 @@ import pytest
 
 from cellctl.files import parse_yaml
 from cellctl.journal import InterlockChanged, RunResumed, StepStarted, fold, read_journal
-from tests.helpers.runs import PATIENCE_S, ROOT, cellctl, child, faults, only_run
+from tests.helpers.runs import PATIENCE_S, ROOT, cellctl, child, faults, only_run, quick_cell
 
 pytestmark = pytest.mark.campaign
 
@@ -34,11 +34,7 @@ def cell_that_loses_both(folder: Path, procedure: str) -> Path:
     """The procedure's own cell, whose PLC and controller are lost in the robot's fifth move."""
     file = ROOT / "procedures" / f"{procedure}.yaml"
     shipped = file.parent / parse_yaml(file.read_text(), str(file)).data["cell"]
-    text = shipped.read_text().replace("../robots/", f"{ROOT}/procedures/robots/")
-    text = text.replace("ethernet=rsi_ethernet.xml", f"ethernet={shipped.parent}/rsi_ethernet.xml")
-    cell = folder / "cell.yaml"
-    cell.write_text(text.rstrip() + "\n" + faults(*BOTH_LOST))
-    return cell
+    return quick_cell(folder, faults(*BOTH_LOST), shipped=shipped)
 
 
 @pytest.mark.long
