@@ -72,7 +72,7 @@ def test_a_self_calibration_with_the_firmware_stands_off_within_a_twentieth_of_a
 def test_in_lockstep_the_same_seed_gives_the_same_journal(run, tmp_path):
     journals = []
     for name in ("one", "other"):
-        done = run(touches_procedure(tmp_path), runs=name)
+        done = run(touches_procedure(tmp_path, speed_mm_s=10), runs=name)
         assert done.returncode == 0, done.stderr
         _, *later = read_journal(only_run(tmp_path / name))
         *events, (ended_ns, ended) = ((entry.time_ns, entry.event) for entry in later)

@@ -20,7 +20,8 @@ from cellctl.cli.verbs import VERBS
 from cellctl.installed import shipped
 from cellctl.journal import Journal, RunStarted, SourceFile
 from cellctl.procedure import StepRegistry
-from tests.helpers.runs import CELL, FASTEST, ROOT, touches_procedure
+from tests.helpers.runs import CELL, FASTEST, ROOT, quick_cell, touches_procedure
+from tests.helpers.tracker import FEW
 
 PACKAGES = ("cellctl", "drivers", "procedures", "sims")
 MOST_IN_FUNCTIONS = 80
@@ -160,7 +161,7 @@ app(sys.argv[1:], standalone_mode=False)
 @pytest.mark.campaign
 def test_a_run_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its_end(tmp_path):
     touches = touches_procedure(tmp_path)
-    words = ["run", str(touches), "--cell", str(CELL), "--runs", str(tmp_path)]
+    words = ["run", str(touches), "--cell", str(quick_cell(tmp_path)), "--runs", str(tmp_path)]
     subprocess.run([sys.executable, "-c", BETWEEN, *words], cwd=tmp_path, check=False, capture_output=True)
     assert (tmp_path / "imported").read_text() == ""
 
@@ -170,15 +171,16 @@ def test_a_run_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its
 @pytest.mark.parametrize(
     "words",
     [
-        ["sphere_selfcal", "touches_fit=24", "touches_test=6", "standoff_targets=4", *FASTEST],
-        ["tracker_calibration", "poses_fit=24", "poses_test=8", "turn_points=5", "samples=2", "transfer_speed=50"],
+        ["sphere_selfcal", "sphere_cell", "touches_fit=24", "touches_test=6", "standoff_targets=4", *FASTEST],
+        ["tracker_calibration", "tracker_cell", *(f"{name}={value}" for name, value in FEW.items() if name != "model")],
     ],
     ids=lambda words: words[0],
 )
 def test_a_whole_campaign_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its_end(words, tmp_path):
-    procedure, *settings = words
+    procedure, name, *settings = words
     given = [f"--set={setting}" for setting in settings]
-    code = [sys.executable, "-c", BETWEEN, "run", procedure, *given, "--runs", str(tmp_path)]
+    cell = quick_cell(tmp_path, shipped=CELL.parent / f"{name}.yaml")
+    code = [sys.executable, "-c", BETWEEN, "run", procedure, *given, "--cell", str(cell), "--runs", str(tmp_path)]
     subprocess.run(code, cwd=tmp_path, check=False, capture_output=True)
     assert (tmp_path / "imported").read_text() == ""
 
