@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping
+from functools import partial
 
 from sims.simulator import FOR_MS, FaultKind, Request, Setting, Setup, Simulator, with_path
 from sims.wires import Terminal
@@ -38,7 +39,7 @@ class Gauge:
             self._setup.wire.opened()
         *questions, self._received = (self._received + data).split(b"\r")
         for question in questions:
-            self._setup.kernel.after(ANSWER_NS, lambda question=question: self._answer(question))
+            self._setup.kernel.after(ANSWER_NS, partial(self._answer, question))
         self._setup.wire.read(len(data))
 
     def _host_hangs_up(self) -> None:
@@ -57,7 +58,8 @@ class Gauge:
         """The height of the TCP above its height at the start, with drift and noise, mm."""
         minutes = self._setup.kernel.now / 60e9
         drift = self._setup.settings["drift_mm_min"] * minutes
-        return self._setup.scene.tcp()[2] - self._zero + drift + self._draw.gauss(0.0, self._setup.settings["noise_mm"])
+        noise = self._draw.gauss(0.0, self._setup.settings["noise_mm"])
+        return float(self._setup.scene.tcp()[2] - self._zero + drift + noise)
 
 
 SIMULATOR = Simulator(
