@@ -14,8 +14,10 @@ _DEFAULT_BAUD = 250_000
 def open_probe(name: str, address: Address, surroundings: Surroundings) -> ContactProbe:
     """The probe `name` at `contact+serial:///dev/ttyACM0?baud=250000`; `connect` opens it.
 
-    Raises ValueError for an address without a port, with a host, or with a setting other than `baud`.
+    Raises ValueError for an address without a port, with a host, or with a setting other than `baud`; for any limit.
     """
+    if surroundings.limits:
+        raise ValueError("a probe has no limits; those of a search are the robot's")
     place = SerialPlace.of(address, _DEFAULT_BAUD)
     unknown = sorted(set(address.query) - {"baud"})
     if unknown:

@@ -15,8 +15,11 @@ _SETTINGS = ("accuracy", "baud")
 def open_tracker(name: str, address: Address, surroundings: Surroundings) -> PointSource:
     """The laser station `name` at `geocom+serial:///dev/ttyUSB0?baud=115200&accuracy=tdra6000`; `connect` opens it.
 
-    Raises ValueError for an address without a port, with a host, an unknown setting or an unknown accuracy.
+    Raises ValueError for an address without a port, with a host, an unknown setting or an unknown accuracy, or for
+    any limit.
     """
+    if surroundings.limits:
+        raise ValueError("an instrument has no limits; those of a transfer are the robot's")
     place = SerialPlace.of(address, _DEFAULT_BAUD)
     unknown = sorted(set(address.query) - set(_SETTINGS))
     if unknown:

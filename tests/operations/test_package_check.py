@@ -1,12 +1,17 @@
 """`cellctl check --package` names all that is wrong with an extension; the example packages have nothing wrong."""
 
 import os
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
 
 from cellctl.cli.verbs import app
+from cellctl.clock import WallClock
+from cellctl.devices.cell import Cell
+from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
+from cellctl.installed import shipped
 from cellctl.operations.package_check import check_package
 from tests.helpers.examples import EXAMPLES, paths_of
 from tests.helpers.runs import ROOT
@@ -208,6 +213,17 @@ def test_the_command_takes_a_procedure_or_a_package():
         done = CliRunner().invoke(app, words)
         assert done.exit_code == 2
         assert "name a procedure, or a package with --package" in done.output
+
+
+def test_every_shipped_driver_refuses_a_limit_that_it_does_not_have():
+    drivers, refused = DriverRegistry(), set()
+    for file in shipped("cell").values():
+        cell = Cell.load(file, drivers)
+        for name, address in cell.addresses.items():
+            given = replace(cell.surroundings(name, WallClock()), limits={"sped_deg_s": 1.0})
+            assert not all(finding.warning for finding in drivers.findings(name, address, given)), f"{file}: {name}"
+            refused.add(address.scheme)
+    assert len(refused) >= 6
 
 
 @pytest.mark.long
