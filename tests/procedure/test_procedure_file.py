@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellctl.files import InputError, parse_yaml
+from cellctl.installed import shipped
 from cellctl.procedure import (
     Loop,
     OnResume,
@@ -44,6 +45,14 @@ def test_the_cell_is_found_from_the_procedures_folder(tmp_path, good):
     path = tmp_path / "p.yaml"
     path.write_text(good)
     assert load_procedure(path).cell == tmp_path / "../cells/sphere_cell.yaml"
+
+
+def test_a_cell_may_be_a_shipped_one_by_its_name_unless_a_file_has_it(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("procedure: mine\ntitle: mine\ncell: sphere_cell\nsteps: []\n")
+    assert load_procedure(path).cell == shipped("cell")["sphere_cell"]
+    (tmp_path / "sphere_cell").touch()
+    assert load_procedure(path).cell == tmp_path / "sphere_cell"
 
 
 def test_a_missing_file_is_an_input_error(tmp_path):
