@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import logging
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, PackageNotFoundError, distribution, entry_points
@@ -109,7 +109,7 @@ def has_package(name: str) -> bool:
 
 
 class Compared(Protocol):
-    """The runs of a folder that were compared."""
+    """The runs of a series that were compared."""
 
     def to_json(self) -> dict[str, Any]:
         """What the route of the console's API answers."""
@@ -120,17 +120,19 @@ class Compared(Protocol):
 class History:
     """The runs of one kind of campaign, compared over time: a page of the console and a route of its API.
 
-    name: a field of the verdict that only these runs have (`VerdictRow.SECTION`); the page is `/name`, the route
-    `/api/name`. title: of the page, and in the navigation. about: the route's description. read: compares the runs
-    of a folder, in a thread; its number is of the first runs, which give the limits, None: as their procedure says.
-    view: is called for each page that is opened, in its content, and returns what shows that which `read` gave, again
-    after each change.
+    name: of the page, `/name`, and of the route, `/api/name`. title: of the page, and in the navigation. about: the
+    route's description. entry: what is kept of a finished run (its `RunState`), None for a run of another kind: the
+    series of runs that it is compared with (any text), the title of that, and its content as JSON. compare: compares
+    the runs of a series, name and content of each, oldest first, in a thread; its number is of the first runs, which
+    give the limits, None: as their procedure says. view: is called for each page that is opened, in its content, and
+    returns what shows that which `compare` gave, again after each change.
     """
 
     name: str
     title: str
     about: str
-    read: Callable[[Path, int | None], Compared]
+    entry: Callable[[Any], tuple[str, str, Mapping[str, Any]] | None]
+    compare: Callable[[Sequence[tuple[str, Mapping[str, Any]]], int | None], Compared]
     view: Callable[[], Callable[[Any], None]]
 
 

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from cellctl.installed import Campaigns, History
+from cellctl.journal import RunState
 
 if TYPE_CHECKING:
-    from procedures.steps.daily.history import DailyHistories
+    from procedures.steps.daily.history import DailyHistory
 
 
-def _daily_checks(runs: Path, baseline_runs: int | None) -> DailyHistories:
-    from procedures.steps.daily.history import daily_histories  # the steps take long, and who lists runs needs none
+def _daily_entry(state: RunState) -> tuple[str, str, dict[str, Any]] | None:
+    if "daily" not in state.section:
+        return None
+    from procedures.steps.daily.history import daily_entry  # the steps take long, and who lists runs needs none
 
-    return daily_histories(runs, baseline_runs)
+    return daily_entry(state)
 
 
-def _daily_view() -> Callable[[DailyHistories], None]:
+def _daily_checks(found: Sequence[tuple[str, Mapping[str, Any]]], baseline_runs: int | None) -> DailyHistory:
+    from procedures.steps.daily.history import compared_checks  # as above
+
+    return compared_checks(found, baseline_runs)
+
+
+def _daily_view() -> Callable[[DailyHistory], None]:
     from procedures.daily_page import DailyView  # NiceGUI takes a second, and configures itself
 
     return DailyView()
@@ -33,7 +41,8 @@ CAMPAIGNS = Campaigns(
             title="Daily checks",
             about="Histories of daily checks with control charts (mm). "
             "baseline_runs: first checks that give the limits.",
-            read=_daily_checks,
+            entry=_daily_entry,
+            compare=_daily_checks,
             view=_daily_view,
         ),
     ),

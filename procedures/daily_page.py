@@ -21,58 +21,35 @@ from cellctl.console.appearance import (
 )
 from cellctl.console.charts import ranges_chart, statistic_chart, values_chart
 from cellctl.report import fixed
-from procedures.steps.daily.history import DailyCheck, DailyHistories, DailyHistory
-
-_NONE = "No daily check has finished in this folder of runs. Start one: procedure daily_check."
+from procedures.steps.daily.history import DailyCheck, DailyHistory
 
 
 @final
 class DailyView:
-    """Shows the chosen history, with the chart of the chosen way in which the points move together."""
+    """Shows a history, with the chart of the chosen way in which the points move together."""
 
     def __init__(self) -> None:
-        self._chosen, self._way = 0, ""
+        self._way = ""
         self._area = ui.element("div").style("display: contents")
 
-    def __call__(self, found: DailyHistories) -> None:
-        """Show these histories from now on."""
+    def __call__(self, found: DailyHistory) -> None:
+        """Show this history from now on."""
         self._found = found
         self._show()
 
     def _show(self) -> None:
         self._area.clear()
         with self._area:
-            _content(self._found, self._chosen, self._way, self._choose)
+            history = self._found
+            _head(history)
+            if history.charts:
+                _statistics(history)
+                _individuals(history, self._way or _most(history), self._choose)
+            _checks(history)
 
-    def _choose(self, history: int | None = None, way: str = "") -> None:
-        self._chosen = self._chosen if history is None else history
+    def _choose(self, way: str) -> None:
         self._way = way
         self._show()
-
-
-def _content(found: DailyHistories, chosen: int, way: str, choose: Any) -> None:
-    if not found.histories:
-        ui.label(_NONE)
-    else:
-        history = found.histories[min(chosen, len(found.histories) - 1)]
-        if len(found.histories) > 1:
-            options = {number: _title(each) for number, each in enumerate(found.histories)}
-            ui.select(
-                options, label="Robot and baseline", value=chosen, on_change=lambda event: choose(event.value)
-            ).props("outlined dense").style("max-width: 36rem")
-        _head(history)
-        if history.charts:
-            _statistics(history)
-            _individuals(history, way or _most(history), choose)
-        _checks(history)
-    for name, why in found.left_out:
-        ui.label(f"Left out: {name}: {why}").classes("note")
-
-
-def _title(history: DailyHistory) -> str:
-    count = len(history.checks)
-    number = f"{count} check{'s' * (count != 1)}"
-    return f"{history.robot}, baseline ‘{history.baseline}’, {history.payload_kg:g} kg, {number}"
 
 
 def _head(history: DailyHistory) -> None:
@@ -131,7 +108,7 @@ def _individuals(history: DailyHistory, way: str, choose: Any) -> None:
         limits = numbers("last, mm", "centre, mm", "lower limit, mm", "upper limit, mm", "last, σ")
         columns = [*words("Way"), *limits, *words("signals of the last check")]
         figures(columns, rows, label="Last check", marked=frozenset(marked))
-        chosen = ui.toggle(list(history.charts), value=way, on_change=lambda event: choose(way=event.value))
+        chosen = ui.toggle(list(history.charts), value=way, on_change=lambda event: choose(event.value))
         chosen.props('no-caps unelevated dense aria-label="Chart of"').classes("ways")
         days, chart = _days(history), history.charts[way]
         values_chart(days, chart)

@@ -32,6 +32,16 @@ def _robot(given: Path | None) -> Path | None:
     return shipped_file("robot", given) if given else None
 
 
+VARIABLE = "CELLCTL_INDEX"
+"""The URL of the index, for this process and those that it starts (`cellctl.run_index`)."""
+
+
+def _use_index(given: str | None) -> str | None:
+    if given:
+        os.environ[VARIABLE] = given
+    return given
+
+
 Procedure = Annotated[Path, typer.Argument(help="Procedure file or shipped name.", callback=_procedure)]
 AnyProcedure = Annotated[
     Path | None, typer.Argument(help="Procedure file or shipped name.", callback=_procedure_or_none)
@@ -85,6 +95,15 @@ AnyRobot = Annotated[
 Settings = Annotated[list[str] | None, typer.Option("--set", help="A parameter, name=value; may be repeated.")]
 Run = Annotated[Path, typer.Argument(help="Run folder or name.")]
 Runs = Annotated[Path, typer.Option("--runs", help="Folder that holds the runs.")]
+Index = Annotated[
+    str | None,
+    typer.Option(
+        "--index",
+        envvar=VARIABLE,
+        help="Database of the index: postgresql://user@host/database, for several hosts. Default: RUNS/index.sqlite.",
+        callback=_use_index,
+    ),
+]
 Json = Annotated[str | None, typer.Option("--json", help="Write the result as JSON to this file; - for stdout.")]
 Out = Annotated[Path | None, typer.Option("-o", "--out", help="Output file. Default: stdout.")]
 Seed = Annotated[int | None, typer.Option(help="Seed of the simulated robot's errors.", min=0)]

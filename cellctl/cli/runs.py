@@ -1,4 +1,4 @@
-"""`cellctl runs`, `show`, `report`, `export`, `replay`: what is done with recorded runs, from their folders alone."""
+"""`cellctl show`, `report`, `export`, `replay`: what is done with recorded runs, from their folders alone."""
 
 from __future__ import annotations
 
@@ -14,51 +14,15 @@ from cellctl.cli import arguments
 from cellctl.cli.arguments import refuse_outputs, write_json
 from cellctl.devices.cell import ReportFacts
 from cellctl.files import InputError, Problem, write_atomically
-from cellctl.installed import first_procedure
 from cellctl.journal import JournalCheck, RunState, check_journal, fold, journal_in, read_journal, run_place
 from cellctl.operations import export as exports
 from cellctl.operations.comparing_models import ModelDifference, ParameterChange
 from cellctl.operations.comparing_runs import ComparedFigure, RunComparison, compare_runs
 from cellctl.operations.replay import Agreement, ArtefactReplay, FolderFile, Replay, StepReplay, replay_run
 from cellctl.operations.results import as_json
-from cellctl.operations.run_list import RunFilter, RunSummary, run_rows, run_summary
+from cellctl.operations.run_list import RunSummary, run_summary
 from cellctl.report import FILE_NAME, write_report
 from cellctl.report.figures import acceptance_words, agreement_lines, fixed, with_sigma
-
-_COLUMNS = ["run", "began", "state", "points", "verdict", "acceptance", "table"]
-_KEYS = ("run", "began", "state", "points", "verdict", "accepted", "table_state")
-
-
-def runs(
-    search: Annotated[
-        str,
-        typer.Option(help="List only runs with all these words in name, files, operator, devices or verdict."),
-    ] = "",
-    state: Annotated[str, typer.Option(help="List only runs in this state.")] = "",
-    verdict: Annotated[str, typer.Option(help="List only runs with this verdict.")] = "",
-    serial: Annotated[str, typer.Option(help="List only runs of the robot with this serial.")] = "",
-    procedure: Annotated[str, typer.Option(help="List only runs of this procedure, by its name.")] = "",
-    since: Annotated[str, typer.Option(help="List only runs from this day on: 2026-11-21.")] = "",
-    until: Annotated[str, typer.Option(help="List only runs up to this day, inclusive: 2026-11-30.")] = "",
-    folder: arguments.Runs = Path("runs"),
-    json_: arguments.Json = None,
-) -> None:
-    """List the runs, newest first.
-
-    Example: cellctl runs --search "sphere 925185" --verdict better
-    """
-    refuse_outputs({"--json": json_}, list(folder.glob("*/*")))
-    asked = RunFilter(search, state, verdict, serial, procedure, since, until)
-    found = run_rows(folder, asked)
-    write_json({"runs": [as_json(row) for row in found]}, json_)
-    if json_ == "-":
-        return
-    if not found:
-        none = f"No runs in {folder}. `cellctl run {first_procedure()}` makes one."
-        typer.echo(none if asked == RunFilter() else f"No run in {folder} is as searched for.")
-        return
-    for line in _aligned([_COLUMNS, *([str(getattr(row, key) or "-") for key in _KEYS] for row in found)]):
-        typer.echo(line)
 
 
 def show(
@@ -117,11 +81,6 @@ def _compare(a: Path, b: Path, json_: str | None) -> None:
     if json_ != "-":
         for line in compared_words(found):
             typer.echo(line)
-
-
-def _aligned(rows: list[list[str]]) -> list[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _run_lines(summary: RunSummary, state: RunState) -> list[str]:

@@ -40,7 +40,8 @@ VERBS = {
     "acknowledge": Verb("operate", "acknowledge", "Press the reset of a run's simulated cell."),
     "abort": Verb("operate", "abort", "Abort a run: cancel its step, then clean up."),
     "show": Verb("runs", "show", "Show one run: devices, steps, verdict; or compare it with another."),
-    "runs": Verb("runs", "runs", "List the runs, newest first."),
+    "runs": Verb("run_listing", "runs", "List the runs, newest first."),
+    "index": Verb("run_listing", "app", "Make the index of the runs again, or compare it with the journals."),
     "report": Verb("runs", "report", "Write the calibration report of a run again, as HTML that prints on A4."),
     "replay": Verb(
         "runs",

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from cellctl.console.jobs import Job
 from cellctl.console.live.runs import Subscribers
@@ -25,8 +25,12 @@ from cellctl.operations.export import Form
 from cellctl.operations.results import Failure, as_json, from_json
 from cellctl.operations.run_control import RunOrder, act, resume_detached, start_detached
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, run_named
-from cellctl.operations.run_list import RunSummary, run_rows
+from cellctl.operations.run_indexing import summary_of
+from cellctl.operations.run_list import RunSummary
 from cellctl.operations.table_actions import Action, TableLook, TableRequest, refuse_confirmation
+from cellctl.run_index import RunFilter, RunIndex
+
+T = TypeVar("T")
 
 _tasks: set[asyncio.Task[None]] = set()
 
@@ -265,17 +269,18 @@ REPORT_CONTENT = (
 """Content-Security-Policy of a report: a page without scripts, which loads nothing."""
 
 
-def live_rows() -> list[RunSummary]:
-    """The runs that are known by now, newest first."""
-    rows = console().live.rows
-    return [replace(row.summary, sentence=row.problem.what) if row.problem else row.summary for row in rows]
+async def indexed(ask: Callable[[RunIndex], T], *, wait: bool = True) -> T:
+    """What `ask`, called in a thread, answers by the index of the runs. wait: until it is complete, some seconds."""
+    live = console().live
+    if wait:
+        await live.indexed()
+    return await asyncio.to_thread(lambda: ask(live.index))
 
 
-async def known_rows() -> list[RunSummary]:
-    """All runs, newest first; read from their journals while the console has not followed all of them yet."""
-    if console().live.reading:
-        return await asyncio.to_thread(run_rows, console().runs)
-    return live_rows()
+async def found_rows(asked: RunFilter | None = None, *, offset: int = 0, limit: int | None = None) -> list[RunSummary]:
+    """The runs as `asked`, newest first, from number `offset` on."""
+    found = await indexed(lambda index: index.page(asked, offset=offset, limit=limit))
+    return [summary_of(each) for each in found]
 
 
 async def exported(place: Path, form: Form) -> tuple[Path, str]:

@@ -26,10 +26,9 @@ from cellctl.operations.comparing_models import (
     model_difference,
     significant,
 )
-from cellctl.operations.run_list import ROBOT, RunSummary, newest_first, run_summary
+from cellctl.operations.run_indexing import MODEL
+from cellctl.operations.run_list import ROBOT, RunSummary, run_summary
 from cellctl.records import Figures, Json
-
-MODEL = "model.json"
 
 
 @final
@@ -249,7 +248,7 @@ def parameter_drift(runs: Path, rows: Iterable[RunSummary], serial: str, names: 
     names: of the parameters; none: all that the rows of a model determine. Base and tool are left out: they change with
     the set-up. A model of another nominal robot than the latest one is left out.
     """
-    own = reversed(newest_first(row for row in rows if row.serial == serial))
+    own = sorted((row for row in rows if row.serial == serial), key=lambda row: (row.began or "", row.run))
     found: list[tuple[RunSummary, ModelFile]] = []
     left_out: list[LeftOutRun] = []
     for row in own:

@@ -40,7 +40,8 @@ from cellctl.journal import (
 )
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.cell_devices import DeviceLocks, SimulatedCell, open_devices, tell_targets
-from cellctl.operations.run_folder import SIMULATOR_MEMORY, never_began, new_run_folder, result_of, table_line
+from cellctl.operations.run_folder import SIMULATOR_MEMORY, never_began, new_run_folder, table_line
+from cellctl.operations.run_indexing import tell_index
 from cellctl.procedure import section_of
 from cellctl.version import __version__
 
@@ -290,13 +291,24 @@ class PreparedRun:
     def carry_out(self, watcher: Watcher) -> tuple[Outcome, RunResult]:
         """Run it to its end; returns its outcome and its result. Raises what `run_campaign` raises."""
         began = time.monotonic()
+        if self.options.resumed:
+            tell_index(self.folder, resumed=True)
         try:
             outcome = asyncio.run(run_campaign(self.campaign, self.options, self.folder, watcher))
         except DeviceBusy:
             with suppress(OSError):  # nothing was begun: the folder of a new run is empty
                 self.folder.rmdir()
             raise
-        return outcome, result_of(self.folder, outcome, time.monotonic() - began)
+        wall_s = time.monotonic() - began
+        tell_index(self.folder)
+        return outcome, result_of(self.folder, outcome, wall_s)
+
+
+def result_of(folder: Path, outcome: Outcome, wall_s: float) -> RunResult:
+    """The result of a run that this process ran."""
+    error = str(outcome.error) if outcome.error else None
+    known = {"state": outcome.state.value, "error": error, "simulated_s": outcome.seconds, "wall_s": wall_s}
+    return RunResult.of(folder.name, fold(read_journal(folder)), **known)
 
 
 def new_run(campaign: Campaign, runs: Path, options: Options) -> PreparedRun:

@@ -1,4 +1,4 @@
-"""The folder of a run: made for a new one, its files by name, the result in it, and the state of its table."""
+"""The folder of a run: made for a new one, its files by name, and the state of its table."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import final
 
 from cellctl.clock import calendar_time
-from cellctl.engine import Outcome
 from cellctl.files import InputError, Problem
-from cellctl.journal import PushedTable, RunResult, RunState, fold, is_being_written, read_journal
+from cellctl.journal import PushedTable, RunState, is_being_written
 from cellctl.journal.journal_file import FILE_NAME, LOCK_NAME
 
 SIMULATOR_MEMORY = "simulated_cell.json"
@@ -53,13 +52,6 @@ def new_run_folder(runs: Path, procedure: str) -> Path:
         cure = "give another folder with --runs"
         raise InputError(Problem(str(runs), 0, 0, f"cannot hold a run: {error.strerror}", cure)) from error
     raise InputError(Problem(str(runs), 0, 0, f"holds 999 runs '{stem}' already", "give another folder with --runs"))
-
-
-def result_of(folder: Path, outcome: Outcome, wall_s: float) -> RunResult:
-    """The result of a run that this process ran."""
-    error = str(outcome.error) if outcome.error else None
-    known = {"state": outcome.state.value, "error": error, "simulated_s": outcome.seconds, "wall_s": wall_s}
-    return RunResult.of(folder.name, fold(read_journal(folder)), **known)
 
 
 def table_line(state: RunState, folder: Path, *, only_unproved: bool = False) -> str:

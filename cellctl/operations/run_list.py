@@ -1,11 +1,12 @@
-"""The runs of a folder: one in figures (JSON: that of `cellctl show`) and how it ended early, all as rows, a search."""
+"""A run in figures (JSON: that of `cellctl show`), and how it ended early."""
 
 from __future__ import annotations
 
 import json
+import logging
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self, final
@@ -23,6 +24,9 @@ _HEADS = {"uncertain": "Uncertain state, look at the cell"}
 _NOT_CLEAN = "the clean-up did not succeed"
 _CURE = "    "
 """So begins a line of an error's text that says what to do."""
+
+UNREADABLE = "unreadable"
+"""State of a run of whose journal nothing can be read."""
 
 _CUT_OFF = "its process ended without an end of the run"
 _UNKNOWN = "what the robot did last is not known: look at it before anything else moves"
@@ -126,7 +130,7 @@ def is_simulated(state: RunState) -> bool:
 ROBOT = "robot"
 """Name of the robot among a cell's devices."""
 
-_UNWRITTEN = ("run", "began", "state", "procedure", "sentence", "problem", "cure")
+_UNWRITTEN = ("run", "began", "state", "procedure", "sentence", "problem", "cure", "note")
 """What can be known of a run without a readable journal, in the order of its JSON."""
 
 
@@ -139,7 +143,8 @@ class RunSummary:
     (`not begun`) `procedure`, `problem` and `cure` too. began: UTC, ISO 8601. procedure, cell: paths of the files.
     devices: identities by name. before, after: measured held-out errors, mm. acceptance: the decision on
     their limit, as the report in the folder states it; None without a limit or report. table: the one that was pushed.
-    section: what only this kind of campaign has. cell_s: duration in the cell's time, s.
+    section: what only this kind of campaign has. cell_s: duration in the cell's time, s. note: in a
+    list, that the folder vanished, was renamed or copied.
     """
 
     run: str
@@ -169,14 +174,27 @@ class RunSummary:
     cell_s: float | None = None
     seed: int | None = None
     clock: str | None = None
+    note: str | None = None
 
     @model_serializer(mode="wrap")
     def _flat(self, handler: SerializerFunctionWrapHandler) -> dict[str, Json]:
         content = handler(self)
+        if self.note is None:
+            del content["note"]
         if self.cell_s is None:
-            return {name: content[name] for name in _UNWRITTEN if content[name] is not None}
+            return {name: content[name] for name in _UNWRITTEN if content.get(name) is not None}
         parts = (part if name == "section" else {name: part} for name, part in content.items())
         return {name: value for part in parts for name, value in part.items()}
+
+    @classmethod
+    def of_json(cls, content: Mapping[str, Json], note: str | None = None) -> Self:
+        """The inverse of its JSON, of which what is no field of its own is the section; with another note."""
+        own = {each.name for each in fields(cls)}
+        known = {name: value for name, value in content.items() if name in own}
+        errors = {name: Figures(**known[name]) for name in ("before", "after") if known.get(name)}
+        section = {name: value for name, value in content.items() if name not in own}
+        known |= {**errors, "lines": tuple(known.get("lines", ())), "note": note}
+        return cls(**known, section=section)
 
     @property
     def serial(self) -> str:
@@ -245,57 +263,43 @@ _RUN = re.compile(r".+-\d{8}T\d{6}Z(-\d+)?")
 """Name of a run's folder, as `new_run_folder` makes it."""
 
 
-@final
-@dataclass(frozen=True, slots=True)
-class RunFilter:
-    """What a search asks for; an empty field asks for nothing. Letters' case does not matter.
-
-    text: words, all of which are in the run's name, files, operator, devices, state, verdict or sentence. state,
-    verdict, serial (of the robot): whole. procedure: the name of its file without suffix. since, until: first and last
-    day or instant of the begin, ISO 8601.
-    """
-
-    text: str = ""
-    state: str = ""
-    verdict: str = ""
-    serial: str = ""
-    procedure: str = ""
-    since: str = ""
-    until: str = ""
-
-    def keeps(self, row: RunSummary) -> bool:
-        """Whether the run of `row` is what is asked for."""
-        began = row.began or ""
-        return (
-            all(word in _text(row) for word in self.text.casefold().split())
-            and _same(self.state, row.state)
-            and _same(self.verdict, row.verdict)
-            and _same(self.serial, row.serial)
-            and _same(self.procedure, row.procedure_name)
-            and (not self.since or began >= self.since)
-            and (not self.until or (bool(began) and began[: len(self.until)] <= self.until))
-        )
-
-
-def run_rows(runs: Path, asked: RunFilter | None = None) -> list[RunSummary]:
-    """The runs in the folder `runs`, newest first; those that `asked` keeps. Raises OSError."""
-    rows = [run_row(journal.parent) for journal in runs.glob(f"*/{FILE_NAME}")]
-    rows += [_unborn(folder) for folder in runs.glob("*-*") if _RUN.fullmatch(folder.name) and never_began(folder)]
-    return [row for row in newest_first(rows) if asked is None or asked.keeps(row)]
-
-
 def run_row(place: Path) -> RunSummary:
-    """The run in the folder `place`."""
-    journal = place / "journal.sqlite"
+    """The run in the folder `place`, by its journal."""
+    return run_row_and_state(place)[0]
+
+
+def run_row_and_state(place: Path) -> tuple[RunSummary, RunState | None]:
+    """The run in the folder `place`, and the state of its journal; None if that is unreadable."""
     try:
-        return run_summary(place, fold(read_journal(journal)))
+        state = fold(read_journal(place / FILE_NAME))
     except (JournalError, InputError) as error:
-        sentence = error.what if isinstance(error, JournalError) else str(error)
-        return RunSummary(run=place.name, began=_changed(journal), state="unreadable", sentence=sentence)
+        return _unreadable(place, error.what if isinstance(error, JournalError) else str(error)), None
+    row = run_row_of(place, state)
+    return row, None if row.state == UNREADABLE else state
 
 
-def _unborn(place: Path) -> RunSummary:
-    """A run without a journal; its folder has the name of the procedure, and its time."""
+def run_row_of(place: Path, state: RunState) -> RunSummary:
+    """The run in the folder `place`, whose journal has the state `state`; unreadable if its rows are."""
+    try:
+        return run_summary(place, state)
+    except InputError as error:  # rows of another version
+        return _unreadable(place, str(error))
+    except Exception as error:  # of a journal that another program wrote
+        logging.getLogger(__name__).error("%s cannot be summarised", place, exc_info=error)
+        return _unreadable(place, f"it cannot be shown: {type(error).__name__}: {error}")
+
+
+def _unreadable(place: Path, why: str) -> RunSummary:
+    return RunSummary(run=place.name, began=_changed(place / FILE_NAME), state=UNREADABLE, sentence=why)
+
+
+def unborn_row(place: Path) -> RunSummary | None:
+    """The run without a journal in the folder `place`, which has the name of the procedure, and its time.
+
+    None if it is none, or not a run's folder. Raises OSError.
+    """
+    if not (_RUN.fullmatch(place.name) and never_began(place)):
+        return None
     output = place / OUTPUT_NAME
     said = output.read_text(encoding="utf-8", errors="replace").strip() if output.is_file() else ""
     return RunSummary(
@@ -313,16 +317,8 @@ def _changed(path: Path) -> str:
     return datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def newest_first(rows: Iterable[RunSummary]) -> list[RunSummary]:
-    """The rows by their begin, the last one first."""
-    return sorted(rows, key=lambda row: (row.began or "", row.run), reverse=True)
-
-
-def _same(asked: str, found: str | None) -> bool:
-    return not asked or asked.casefold() == (found or "").casefold()
-
-
-def _text(row: RunSummary) -> str:
+def words_of(row: RunSummary) -> str:
+    """What a search by words looks in, in lower case."""
     own = (row.run, row.began, row.procedure, row.cell, row.operator, row.state, row.verdict, row.sentence)
     table = (row.accepted, row.table_state, (row.table or {}).get("id"))
     devices = (part for device in row.devices.values() for part in device.values())

@@ -9,7 +9,7 @@ from cellctl.files import InputError, Problem
 from cellctl.formats import ModelFile
 from cellctl.formats.type_prior import LeftOut, TypePriorFile, why_not
 from cellctl.journal import run_place
-from cellctl.operations.comparing_runs import MODEL
+from cellctl.operations.run_indexing import MODEL
 
 
 def prior_of_type(given: Sequence[Path], runs: Path, without: Collection[str] = ()) -> TypePriorFile:

@@ -9,7 +9,7 @@ import pytest
 from cellctl.cli.exit_codes import Exit
 from cellctl.cli.run_progress import exit_of, show_end
 from cellctl.engine import State
-from cellctl.operations.run_folder import result_of
+from cellctl.operations.launch import result_of
 from tests.helpers.runs import UNHURRIED, quick_cell, run_here, touches_procedure
 
 IDENTIFY = """  - {id: identify, do: sphere.identify, with: {model: geometry}, timeout: 300}

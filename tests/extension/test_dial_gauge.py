@@ -51,17 +51,24 @@ from pathlib import Path
 from starlette.testclient import TestClient
 from cellctl.console.server import Settings, api_app, new_console
 from cellctl.console.frame import NAVIGATION
-Path("runs/one").mkdir(parents=True)
-Path("runs/one/journal.sqlite").touch()
+from cellctl.journal import Journal, Recorded, RunStarted, SourceFile, StateChanged
+runs = Path("runs")
+source = SourceFile("dial_gauge_drift.yaml", "", "")
+with Journal.create(runs / "one", lambda: 0) as journal:
+    journal.append(RunStarted(source, source, {}, 1, "lockstep", "me", "2026-01-01T08:00:00Z", "", {}, section=()))
+    for mm in (1.0, 1.25):
+        journal.append(Recorded("dial_gauge_length", {"number": 1, "time_s": 0.0, "mm": mm}))
+    journal.append(StateChanged("running", "finished"))
 print(dict(NAVIGATION)["Dial gauge"])
-print(TestClient(api_app(new_console(Settings(Path("runs"))))).get("/api/dial_gauge_mm").json())
+with TestClient(api_app(new_console(Settings(runs)))) as client:
+    print(client.get("/api/dial_gauge_mm").json()["histories"])
 """
 
 
 @pytest.mark.long
 def test_its_history_is_in_the_navigation_and_has_a_route(cellctl):
     done = cellctl("-c", HISTORY)
-    assert done.stdout.splitlines() == ["/dial_gauge_mm", "{'runs': {}}"], done.stderr
+    assert done.stdout.splitlines() == ["/dial_gauge_mm", "[{'runs': {'one': 0.25}}]"], done.stderr
 
 
 @pytest.mark.long

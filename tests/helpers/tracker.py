@@ -27,8 +27,7 @@ from cellctl.metrology.measured_points import LEAST_MM, Points
 from cellctl.metrology.measured_pose import MeasuredPose
 from cellctl.operations.campaign import load_campaign
 from cellctl.operations.cell_devices import SimulatedCell
-from cellctl.operations.launch import Options, ResumedRun, resumed_run, run_on
-from cellctl.operations.run_folder import result_of
+from cellctl.operations.launch import Options, ResumedRun, result_of, resumed_run, run_on
 from cellctl.records import ResidualsRow, TableStateRow
 from procedures.steps.tracker._verdict import Targets
 from procedures.steps.tracker.circles import AXES

@@ -15,7 +15,7 @@ from cellctl.formats import ModelFile
 from cellctl.journal import Journal, Recorded, RunStarted, SourceFile
 from cellctl.operations.comparing_models import model_difference
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
-from cellctl.operations.run_list import run_rows
+from cellctl.operations.run_indexing import run_rows
 from tests.helpers.arms import KR5_ERRORS, kr5_model
 from tests.helpers.journals import run_in
 

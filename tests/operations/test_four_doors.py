@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import cellctl
-from cellctl.console.commands import live_rows
+from cellctl.console.commands import found_rows
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.formats import TableFile
@@ -25,6 +25,7 @@ from cellctl.operations import analyses
 from cellctl.operations.cell_state import examine_cell, last_examination
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.results import as_json
+from cellctl.operations.run_indexing import run_rows
 from cellctl.operations.table import TableRecorder
 from cellctl.operations.table_history import TableHistory, table_overview
 from tests.helpers.arms import cellctl as command
@@ -92,7 +93,7 @@ def test_runs(doors: Doors) -> None:
     listed = [without_empty(row) for row in doors.by_command("runs", "--runs", doors.runs)["runs"]]
     assert [row["run"] for row in listed] == list(reversed(RUNS))
     assert [without_empty(row) for row in doors.by_api("runs")] == listed
-    assert [without_empty(as_json(row)) for row in live_rows()] == listed
+    assert [without_empty(as_json(row)) for row in doors.client.done(found_rows())] == listed
 
 
 @pytest.mark.parametrize("name", RUNS)
@@ -112,7 +113,7 @@ def test_two_runs_compared(doors: Doors) -> None:
 def test_the_drift_of_a_robots_parameters(doors: Doors) -> None:
     by_api = doors.by_api("drift", serial=SERIAL)
     assert [each["run"] for each in by_api["runs"]] == list(RUNS)
-    assert as_json(parameter_drift(doors.runs, live_rows(), SERIAL)) == by_api
+    assert as_json(parameter_drift(doors.runs, run_rows(doors.runs), SERIAL)) == by_api
 
 
 def test_the_history_of_a_controllers_tables(doors: Doors) -> None:

@@ -10,7 +10,9 @@ import pytest
 from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.journal import RunStarted, RunState, SourceFile
-from cellctl.operations.run_list import RunFilter, is_simulated, run_rows
+from cellctl.operations.run_indexing import run_rows
+from cellctl.operations.run_list import is_simulated
+from cellctl.run_index import RunFilter
 from tests.helpers.journals import run_in
 
 UNBORN = "sphere_selfcal-20260101T000000Z"

@@ -7,14 +7,14 @@ import shutil
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Response
 from fastapi import Path as PathParameter
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.background import BackgroundTask
 
 from cellctl.console.api.answers import COMMANDS, READS, Commander, Refused, RunName
-from cellctl.console.commands import REPORT_CONTENT, exported, known_rows, recompute
+from cellctl.console.commands import REPORT_CONTENT, exported, found_rows, indexed, recompute
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.installed import History, histories
@@ -22,7 +22,9 @@ from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.export import Form
 from cellctl.operations.results import as_json
 from cellctl.operations.run_folder import RunFile, run_file, run_files, run_named
-from cellctl.operations.run_list import RunFilter, run_row
+from cellctl.operations.run_indexing import history_page, summary_of
+from cellctl.operations.run_list import run_row
+from cellctl.run_index import RunFilter
 
 router = APIRouter(prefix="/api", tags=["runs"])
 
@@ -33,6 +35,9 @@ _FileName = Annotated[str, PathParameter(description="Name of the file, see `fil
 def _text(words: str) -> Any:
     """A parameter of the query: a text."""
     return Query(max_length=200, description=words)
+
+
+_Offset = Annotated[int, Query(ge=0, le=1_000_000_000, description="Number of the first one, from 0")]
 
 
 class ErrorFigures(BaseModel):
@@ -75,6 +80,7 @@ class JobOut(BaseModel):
 
 @router.get("/runs", responses=READS)
 async def list_runs(
+    response: Response,
     text: Annotated[str, _text("Words that are all in name, files, operator, devices or verdict")] = "",
     state: Annotated[str, _text("State; empty: all")] = "",
     verdict: Annotated[str, _text("Verdict; empty: all")] = "",
@@ -82,10 +88,13 @@ async def list_runs(
     procedure: Annotated[str, _text("Name of the procedure; empty: all")] = "",
     since: Annotated[str, _text("First day of the begin, ISO 8601")] = "",
     until: Annotated[str, _text("Last day of the begin, ISO 8601")] = "",
+    offset: _Offset = 0,
+    limit: Annotated[int, Query(ge=1, le=1000, description="Number of runs at most")] = 200,
 ) -> list[RunOut]:
-    """The runs, newest first."""
+    """The runs, newest first; a page of them, `X-Total-Count` says of how many."""
     asked = RunFilter(text, state, verdict, serial, procedure, since, until)
-    return [RunOut(**as_json(row)) for row in await known_rows() if asked.keeps(row)]
+    response.headers["x-total-count"] = str(await indexed(lambda index: index.count(asked)))
+    return [RunOut(**as_json(row)) for row in await found_rows(asked, offset=offset, limit=limit)]
 
 
 @router.get("/runs/{name}/result", responses=READS)
@@ -158,7 +167,7 @@ async def drift(
     parameter: Annotated[list[str], Query(max_length=200, description="Names of parameters")] = [],  # noqa: B006
 ) -> dict[str, Any]:
     """Parameters of one robot's models over its runs, with their trends for 30 days; by default all determined ones."""
-    rows = await known_rows()
+    rows = [summary_of(found) for found in await indexed(lambda index: index.with_model(serial))]
     return as_json(await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter))
 
 
@@ -168,8 +177,12 @@ def _add(history: History) -> None:
     @router.get(f"/{history.name}", name=history.name, description=history.about, responses=READS)
     async def compared(
         baseline_runs: Annotated[int | None, Query(ge=2, le=1000, description="Number of the first checks")] = None,
+        offset: _Offset = 0,
+        limit: Annotated[int, Query(ge=1, le=100, description="Number of histories at most")] = 10,
     ) -> dict[str, Any]:
-        return (await asyncio.to_thread(history.read, console().runs, baseline_runs)).to_json()
+        return await indexed(
+            lambda index: history_page(index, history, baseline_runs, offset=offset, limit=limit).to_json()
+        )
 
 
 for _history in histories():

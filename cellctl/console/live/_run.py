@@ -40,6 +40,7 @@ from cellctl.journal import (
     writer_of,
 )
 from cellctl.journal.journal_file import FILE_NAME, LOCK_NAME
+from cellctl.operations.run_list import UNREADABLE
 from cellctl.procedure import StepRegistry
 from cellctl.records import VerdictRow
 
@@ -259,9 +260,6 @@ def _action(event: OperatorAction) -> str:
     text = event.action + (f": {event.text}" if event.text else "")
     return f"{text}, refused: {event.refused}" if event.refused else text
 
-
-UNREADABLE = "unreadable"
-"""State of a run of whose journal nothing can be read."""
 
 _LINES = 1000
 """Number of the latest lines of the log that are kept; `whole_log` reads all."""

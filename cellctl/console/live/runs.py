@@ -1,23 +1,24 @@
-"""All runs of a folder, followed for all pages by two tasks of the event loop; who is called when one changes."""
+"""The runs of a folder for all pages: those in progress followed by two tasks of the event loop, all in the index;
+who is called when one changes.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Set
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Set
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from contextlib import asynccontextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Self, final
+from threading import Lock
+from typing import final
 
-from cellctl.console.live._run import UNREADABLE, Found, LiveRun, Snapshot, Stamp, stamp, stamps, unexpected
+from cellctl.console.live._run import Found, LiveRun, Snapshot
 from cellctl.files import InputError, Problem
-from cellctl.journal import JournalError, RunState, fold, read_journal, writer_of
-from cellctl.journal.journal_file import LOCK_NAME
-from cellctl.operations.run_list import RunSummary, run_summary
+from cellctl.operations.run_indexing import followed_run, read_run
 from cellctl.procedure import StepRegistry
+from cellctl.run_index import Changes, IndexedRun, IndexUnusable, RunIndex, Scanner, opened_index, remove_damaged
 
 
 @final
@@ -54,108 +55,17 @@ class Subscribers:
                     self._found.pop(number, None)
 
 
-RunStamp = tuple[Stamp, Stamp, Stamp]
-"""Stamps of journal, write-ahead log and lock of a run."""
-
-
-@final
-class RunsFolder:
-    """The runs in `path`, by name. An unchanged run costs three file stamps for each look."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._stamps: dict[str, RunStamp] = {}
-
-    def look(self) -> tuple[list[str], list[str]]:
-        """The runs that are new or have changed since the last look, the latest change first, and those that are gone.
-
-        A folder that is missing or cannot be read has no runs.
-        """
-        now = dict(self._found())
-        changed = [name for name, found in now.items() if found != self._stamps.get(name)]
-        gone = [name for name in self._stamps if name not in now]
-        self._stamps = now
-        return sorted(changed, key=lambda name: _changed_ns(now[name]), reverse=True), gone
-
-    def _found(self) -> list[tuple[str, RunStamp]]:
-        try:
-            folders = list(self._path.iterdir())
-        except OSError:
-            return []
-        each = ((folder.name, (*stamps(folder), stamp(folder / LOCK_NAME))) for folder in folders)
-        return [(name, found) for name, found in each if found[0]]
-
-
-def is_written(run_folder: Path) -> bool:
-    """Whether a process writes the run; call it only after the run has changed (see `JournalTail`)."""
-    lock = stamp(run_folder / LOCK_NAME)
-    return bool(lock and lock[1]) and writer_of(run_folder) is not None
-
-
-def _changed_ns(found: RunStamp) -> int:
-    return max(each[2] for each in found if each)
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class RunRow:
-    """A run in the list of runs.
-
-    `summary`: of an unreadable run only `run` and `state`. `active`: it is in progress.
-    `problem`: why it cannot be read. `events`: number of the last event that it contains.
-    """
-
-    run: str
-    folder: Path
-    summary: RunSummary
-    active: bool = False
-    problem: Problem | None = None
-    events: int = 0
-
-    @property
-    def began(self) -> str:
-        """When it began, UTC, ISO 8601; empty if unknown."""
-        return self.summary.began or ""
-
-    @property
-    def state(self) -> str:
-        """Its state."""
-        return self.summary.state
-
-    @classmethod
-    def of_folder(cls, folder: Path) -> Self:
-        """By reading the whole journal, in any thread."""
-        try:
-            return cls._of(folder, fold(read_journal(folder)))
-        except JournalError as error:
-            return cls._unreadable(folder, Problem(str(error.path), 0, 0, error.what, error.cure))
-
-    @classmethod
-    def of_snapshot(cls, snapshot: Snapshot) -> Self:
-        """By the state of a run that is followed, in the event loop."""
-        if snapshot.problem and not snapshot.events:
-            return cls._unreadable(snapshot.folder, snapshot.problem)
-        return cls._of(snapshot.folder, snapshot.state, active=snapshot.active, problem=snapshot.problem)
-
-    @classmethod
-    def _of(cls, folder: Path, state: RunState, *, active: bool = False, problem: Problem | None = None) -> Self:
-        try:
-            return cls(folder.name, folder, run_summary(folder, state), active, problem, state.last_seq)
-        except InputError as error:  # rows of another version
-            return cls._unreadable(folder, error.problems[0])
-        except Exception as error:
-            return cls._unreadable(folder, unexpected(folder, error))
-
-    @classmethod
-    def _unreadable(cls, folder: Path, problem: Problem) -> Self:
-        return cls(folder.name, folder, RunSummary(run=folder.name, state=UNREADABLE), problem=problem)
-
-
 _LONGEST = 255
 """Number of bytes of a file name at most."""
 
 _BATCH = 10
-"""Number of old runs that are read between two looks at the folder."""
+"""Number of runs that are read between two looks at the folder."""
+
+_PATIENCE_S = 10.0
+"""Longest wait for the index of a folder whose runs are not read yet, of wall time: 75 000 runs take minutes."""
+
+_SHARE = 50.0
+"""A thorough look at a folder, which takes longer with each run, is made after this multiple of its own time."""
 
 _KEPT = 8
 """Number of runs without a process that are followed: the ones asked for last."""
@@ -164,6 +74,9 @@ _KEPT = 8
 @final
 class LiveRuns:
     """The runs in `folder`. Use it in one event loop; inside `following` it is kept up to date.
+
+    Runs in progress are followed by their journals, the ended ones are in the index. `version` rises with each change
+    of the list, `states_version` when a run begins, ends, goes, or has another state or verdict.
 
     `registry`: the kinds of steps, for titles and progress; asked for once, in a thread. `look_s`: wall time between
     two looks at the runs that are followed, s; `folder_s`: between two looks at the folder for new and changed runs.
@@ -179,26 +92,41 @@ class LiveRuns:
     ) -> None:
         self.folder = folder
         self._look_s, self._folder_s = look_s, folder_s
-        self.rows: tuple[RunRow, ...] = ()
+        self.version = self.states_version = 0
         self._registry = cache(registry)
-        self._found = RunsFolder(folder)
-        self._rows: dict[str, RunRow] = {}
+        self._opened: tuple[RunIndex, Scanner] | None = None
+        self._opening = Lock()
         self._followed: dict[str, LiveRun] = {}
         self._unread: list[str] = []
+        self._written: dict[str, int] = {}
+        self._shown: dict[str, tuple[bool, str, str]] = {}
         self._stale: set[str] = set()
-        self._first_look = True
+        self._thorough_at = 0.0
         self._subscribers = Subscribers()
-        self._looked = asyncio.Event()
+        self._looked, self._indexed = asyncio.Event(), asyncio.Event()
+
+    @property
+    def index(self) -> RunIndex:
+        """The index of the folder: of all its runs when `reading` is false. Ask it in a thread."""
+        return self._opened_index()[0]
 
     @property
     def active(self) -> tuple[str, ...]:
         """Names of the runs in progress, the one that began last first."""
-        return tuple(row.run for row in self.rows if row.active)
+        found = [live for live in self._followed.values() if live.snapshot.active]
+        found.sort(key=lambda live: (live.snapshot.state.calendar, live.name), reverse=True)
+        return tuple(live.name for live in found)
 
     @property
     def reading(self) -> bool:
-        """Whether runs of the folder are not read yet, so that `rows` is not complete."""
-        return self._first_look or bool(self._unread)
+        """Whether runs of the folder are not read yet, so that the index is not complete."""
+        return not self._indexed.is_set()
+
+    async def indexed(self) -> None:
+        """Wait until every run of the folder is in the index, at most some seconds."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_PATIENCE_S):
+                await self._indexed.wait()
 
     def subscribe(self, callback: Callable[[], object], run: str = "") -> Callable[[], None]:
         """Call `callback` after `run` has changed, or any run if it is empty; returns the function that ends that.
@@ -240,66 +168,119 @@ class LiveRuns:
                 for task in tasks:
                     task.cancel()
                 await asyncio.gather(*tasks, return_exceptions=True)
+        if self._opened:
+            self._opened[0].close()
 
     async def _look(self, thread: ThreadPoolExecutor) -> bool:
         """Look once at every run that is followed; returns whether there is more to read."""
+        loop = asyncio.get_running_loop()
         followed = list(self._followed.values())
-        found = await asyncio.get_running_loop().run_in_executor(thread, _read, followed)
+        found = await loop.run_in_executor(thread, _read, followed)
         changed = {live.name for live, each in found if each is not None and live.take(each)}
-        for name in changed:
-            self._renew_row(self._followed.get(name))
+        renewed = {name for name in changed if self._has_another_state(name)}
+        self._stale |= changed - renewed
+        if renewed:
+            await self._write(renewed, thread)
+            self.states_version += 1
         self._looked.set()
         self._looked = asyncio.Event()
         self._forget()
         self._subscribers.call(changed)
         return any(each is not None and each.more for _, each in found)
 
-    def _renew_row(self, live: LiveRun | None) -> None:
-        """Renew the row of a followed run now if its state changed, else at the next look at the folder."""
+    def _has_another_state(self, name: str) -> bool:
+        """Whether the list shows another state or verdict of a followed run than the index has."""
+        live = self._followed.get(name)
         if live is None or not live.snapshot.events:
-            return
-        row, now = self._rows.get(live.name), live.snapshot
-        before = row and (row.active, row.state, row.summary.process, row.summary.verdict or "")
-        if before == (now.active, now.status.state, now.status.process, now.verdict):
-            self._stale.add(live.name)
-        else:
-            self._put(RunRow.of_snapshot(now))
+            return False
+        now = live.snapshot
+        before, self._shown[name] = self._shown.get(name), (now.active, now.status.state, now.verdict)
+        return before != self._shown[name] and (now.writing or before is not None)
+
+    async def _write(self, names: Iterable[str], thread: ThreadPoolExecutor) -> None:
+        """Write what is known of followed runs into the index."""
+        found = []
+        for name in names:
+            live = self._followed[name]
+            self._written[name] = live.snapshot.events
+            found.append(followed_run(live.folder, live.snapshot.state))
+        await asyncio.get_running_loop().run_in_executor(thread, self._put, found)
+        self.version += 1
+
+    def _put(self, found: list[IndexedRun]) -> None:
+        try:
+            self.index.put(found)
+        except IndexUnusable as error:
+            self._open_again(error)
 
     async def _look_at_folder(self, thread: ThreadPoolExecutor) -> bool:
         """Find new, changed and deleted runs, and read some of them; returns whether there are more to read."""
         loop = asyncio.get_running_loop()
-        changed, gone = await loop.run_in_executor(thread, self._found.look)
-        waiting = [name for name in self._unread if name not in gone and name not in changed]
-        self._unread = changed + waiting
-        now = self._unread[:_BATCH]
-        for name in gone:
-            self._rows.pop(name, None)
-        for name in now:
-            live = self._followed.get(name)
-            if live is None or not live.snapshot.writing:
-                row = await loop.run_in_executor(thread, _row_of_unwritten, self.folder / name)
-                self._put(row) if row else self.run(name)
-        self._unread = self._unread[_BATCH:]
-        stale = {name for name in self._stale & self._followed.keys() & self._rows.keys() if self._outdated(name)}
+        writing = {name for name, live in self._followed.items() if live.snapshot.writing}
+        now = loop.time()
+        thorough = now >= self._thorough_at
+        changes = await loop.run_in_executor(thread, self._changes, thorough, writing)
+        if changes is None:
+            return False
+        if thorough:
+            self._thorough_at = loop.time() + _SHARE * (loop.time() - now)
+        waiting = [name for name in self._unread if name not in changes.gone and name not in changes.unread]
+        unread = [*changes.unread, *waiting]
+        first, self._unread = unread[:_BATCH], unread[_BATCH:]
+        written = await loop.run_in_executor(thread, self._take, first, changes, not self._unread)
+        for name in written:
+            self.run(name)
+        stale = {name for name in self._stale & self._followed.keys() if self._outdated(name)}
         self._stale -= stale
-        for name in stale:
-            self._put(RunRow.of_snapshot(self._followed[name].snapshot))
-        self._sort()
-        self._first_look = False
-        self._subscribers.call({*now, *gone, *stale})
+        await self._write(stale, thread)
+        if first or changes.gone:
+            self.version += 1
+            self.states_version += 1
+        if not self._unread:
+            self._indexed.set()
+        self._subscribers.call({*first, *changes.gone, *stale})
         return bool(self._unread)
+
+    def _changes(self, thorough: bool, writing: set[str]) -> Changes | None:
+        try:
+            return self._opened_index()[1].look(thorough=thorough, but=writing)
+        except IndexUnusable as error:
+            self._open_again(error)
+            return None
+
+    def _take(self, names: list[str], changes: Changes, last: bool) -> list[str]:
+        """Read runs into the index; returns those that a process writes, which have to be followed."""
+        index, scanner = self._opened_index()
+        found = [read_run(self.folder / name) for name in names]
+        try:
+            index.put(found)
+            index.vanish(changes.gone)
+            if last:
+                scanner.done(changes)
+        except IndexUnusable as error:
+            self._open_again(error)
+        return [run.run for run in found if run.process]
+
+    def _opened_index(self) -> tuple[RunIndex, Scanner]:
+        with self._opening:
+            if self._opened is None:
+                index = opened_index(self.folder)
+                self._opened = index, Scanner(index, self.folder)
+            return self._opened
+
+    def _open_again(self, error: IndexUnusable) -> None:
+        """Open the index again, or another one; what is missing in it is read again."""
+        logging.getLogger(__name__).warning("the index of the runs is opened again: %s", error)
+        with self._opening:
+            if self._opened:
+                self._opened[0].close()
+                self._opened = None
+            remove_damaged(self.folder, thorough=True)
 
     def _outdated(self, name: str) -> bool:
         """Whether a row misses 2 % of the events: to summarise a long run at each event would take too long."""
-        events = self._followed[name].snapshot.events
-        return events - self._rows[name].events >= 0.02 * events
-
-    def _put(self, row: RunRow) -> None:
-        self._rows[row.run] = row
-        self._sort()
-
-    def _sort(self) -> None:
-        self.rows = tuple(sorted(self._rows.values(), key=lambda row: (row.began, row.run), reverse=True))
+        live = self._followed[name].snapshot
+        return live.writing and live.events - self._written.get(name, 0) >= 0.02 * live.events
 
     def _forget(self) -> None:
         """Follow no longer the runs without a process and page that were not asked for lately."""
@@ -310,15 +291,12 @@ class LiveRuns:
         ]
         for name in idle[:-_KEPT]:
             del self._followed[name]
+            self._written.pop(name, None)
+            self._shown.pop(name, None)
 
 
 def _read(followed: list[LiveRun]) -> list[tuple[LiveRun, Found | None]]:
     return [(live, live.read()) for live in followed]
-
-
-def _row_of_unwritten(folder: Path) -> RunRow | None:
-    """The row of a run by its whole journal; None if a process writes it: that one is followed."""
-    return None if is_written(folder) else RunRow.of_folder(folder)
 
 
 async def _forever(look: Callable[[], Awaitable[bool]], pause_s: float) -> None:

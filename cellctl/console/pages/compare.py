@@ -20,7 +20,7 @@ from cellctl.console.appearance import (
     words,
 )
 from cellctl.console.charts import drift_chart
-from cellctl.console.commands import known_rows
+from cellctl.console.commands import found_rows, indexed
 from cellctl.console.frame import frame
 from cellctl.console.shared import console
 from cellctl.files import InputError
@@ -35,24 +35,40 @@ from cellctl.operations.comparing_runs import (
 )
 from cellctl.operations.results import Failure
 from cellctl.operations.run_folder import run_named
-from cellctl.operations.run_list import RunSummary
+from cellctl.operations.run_indexing import summary_of
 from cellctl.report.figures import agreement_lines, fixed, with_sigma
+from cellctl.run_index import RunFilter
 
 _MOST_CHARTS = 12
+
+_OFFERED = 50
+"""Number of runs that a field offers; more words find others."""
 
 
 @ui.page("/compare", response_timeout=30.0)
 async def compare(a: str = "", b: str = "") -> None:
     """Two runs side by side."""
-    rows = [row for row in await known_rows() if row.state != "unreadable"]
+    offered = await _offered()
     with frame("Compare runs", "/runs"):
-        _choice([row.run for row in rows], a, b)
+        _choice(offered, a, b)
         if a and b:
             await _comparison(a, b)
-        await _drift(rows, a)
+        await _drift(a)
+
+
+async def _offered(text: str = "") -> list[str]:
+    """The newest runs with these words in what is known of them."""
+    return [row.run for row in await found_rows(RunFilter(text=text), limit=_OFFERED)]
+
+
+def _with(chosen: str | None, names: list[str]) -> list[str]:
+    return names if not chosen or chosen in names else [chosen, *names]
 
 
 def _choice(names: list[str], a: str, b: str) -> None:
+    async def typed(field: ui.select, text: str) -> None:
+        field.set_options(_with(field.value, await _offered(text)))
+
     def both() -> None:
         ui.navigate.to(f"/compare?{urlencode({'a': first.value or '', 'b': second.value or ''})}")
 
@@ -61,11 +77,13 @@ def _choice(names: list[str], a: str, b: str) -> None:
 
     with ui.element("div").classes("row search"):
         first, second = (
-            ui.select(names, label=label, value=value if value in names else None, with_input=True)
-            .props("outlined dense")
+            ui.select(_with(value, names), label=label, value=value or None, with_input=True)
+            .props("outlined dense input-debounce=250")
             .classes("grow")
             for label, value in (("Run a", a), ("Run b", b))
         )
+        for field in (first, second):
+            field.on("input-value", lambda event, field=field: typed(field, str(event.args or "")))
         command_button("Compare", both, important=True)
         command_button("Exchange", turned, icon="swap_horiz")
 
@@ -154,14 +172,14 @@ def _cells(each: ParameterChange) -> list[str]:
     ]
 
 
-async def _drift(rows: list[RunSummary], a: str) -> None:
-    serials = sorted({row.serial for row in rows} - {""})
+async def _drift(a: str) -> None:
+    serials = await indexed(lambda index: index.values("serial"))
     if not serials:
         return
-    own = next((row.serial for row in rows if row.run == a), "")
+    own = await indexed(lambda index: index.serial_of(a)) if a else ""
     note = "Parameters that the rows determine, in all runs of one robot that have a model. Base and tool are left out."
     with section("Drift of parameters", note=note):
-        view = _DriftView(rows)
+        view = _DriftView()
         chosen = ui.select(serials, label="Robot", value=own or serials[0], on_change=view.changed)
         chosen.props("outlined dense").style("max-width: 18rem")
         view.area = ui.element("div").classes("section")
@@ -172,8 +190,7 @@ async def _drift(rows: list[RunSummary], a: str) -> None:
 class _DriftView:
     """The drift of the chosen robot."""
 
-    def __init__(self, rows: list[RunSummary]) -> None:
-        self._rows = rows
+    def __init__(self) -> None:
         self.area: ui.element | None = None
 
     async def changed(self, event: Any) -> None:
@@ -181,7 +198,8 @@ class _DriftView:
 
     async def show(self, serial: str) -> None:
         """Show the robot `serial`."""
-        found = await asyncio.to_thread(parameter_drift, console().runs, self._rows, serial)
+        rows = [summary_of(found) for found in await indexed(lambda index: index.with_model(serial))]
+        found = await asyncio.to_thread(parameter_drift, console().runs, rows, serial)
         assert self.area is not None
         self.area.clear()
         with self.area:

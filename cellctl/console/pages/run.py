@@ -21,6 +21,7 @@ from cellctl.console.appearance import (
     shown_time,
     state_word,
 )
+from cellctl.console.commands import found_rows
 from cellctl.console.frame import follow, frame, not_there, set_text
 from cellctl.console.live import Snapshot
 from cellctl.console.pages.run_parts import RunControls, RunLog, RunTree
@@ -127,10 +128,9 @@ class RunPictures:
 
 
 @ui.page("/run")
-def active_run(request: Request) -> RedirectResponse | None:
+async def active_run(request: Request) -> RedirectResponse | None:
     """Go to the active run, else to the last one."""
-    live = console().live
-    names = live.active or tuple(row.run for row in live.rows[:1])
+    names = console().live.active or tuple(row.run for row in await found_rows(limit=1))
     if len(names) == 1:
         return RedirectResponse(f"/run/{quote(names[0])}")
     with frame("Run", "/run"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any, final
 from urllib.parse import quote, urlencode
@@ -19,11 +19,13 @@ from cellctl.console.appearance import (
     sentence_of,
     shown_time,
 )
-from cellctl.console.commands import live_rows
+from cellctl.console.commands import indexed
 from cellctl.console.frame import follow, frame
 from cellctl.console.shared import console
-from cellctl.operations.run_list import RunFilter, RunSummary
+from cellctl.operations.run_indexing import summary_of
+from cellctl.operations.run_list import RunSummary
 from cellctl.report.figures import fixed
+from cellctl.run_index import FoundRun, RunFilter, RunIndex
 
 _NUMBER = {"align": "right", "classes": "number", "headerClasses": "number"}
 _TEXT = {"align": "left"}
@@ -48,6 +50,9 @@ _WORD_CELL = (
 _CHOICE = '<q-checkbox dense v-model="props.selected" :aria-label="\'Choose \' + props.row.run"></q-checkbox>'
 _CHOICE_OF_ALL = '<q-checkbox dense v-model="props.selected" aria-label="Choose all runs"></q-checkbox>'
 _ANY = "any"
+_ORDERS = {"before": "before_mm", "after": "after_mm", "table": "table_state"}
+"""Columns of the index by those of the page, where they differ."""
+_CHOICES = {"state": "State", "verdict": "Verdict", "procedure": "Procedure", "serial": "Robot"}
 
 
 @ui.page("/runs")
@@ -68,76 +73,97 @@ async def runs(
 
 @final
 class _RunList:
-    """The search and its result."""
+    """The search and a page of its result."""
 
     def __init__(self, asked: RunFilter) -> None:
         self._asked = asked
         self._seen: Any = None
-        self._rows = live_rows()
+        self._selects: dict[str, ui.select] = {}
         self._search()
         with ui.element("div").classes("row"):
             self._count = ui.label().classes("note").props("role=status")
             self._compare = ui.link("Compare two chosen runs", "/compare").classes("command linked")
-        self._table = ui.table(columns=_COLUMNS, rows=[], row_key="run", selection="multiple", pagination=25)
-        self._table.classes("runs").props("flat dense rows-per-page-options=[25,50,100,0]")
+        first = {"page": 1, "rowsPerPage": 25, "sortBy": "began", "descending": True, "rowsNumber": 0}
+        self._table = ui.table(columns=_COLUMNS, rows=[], row_key="run", selection="multiple", pagination=first)
+        self._table.classes("runs").props("flat dense binary-state-sort rows-per-page-options=[25,50,100]")
         self._table.add_slot("body-cell-run", _RUN_CELL)
         self._table.add_slot("body-selection", _CHOICE)
         self._table.add_slot("header-selection", _CHOICE_OF_ALL)
         for name in ("state", "verdict", "acceptance"):
             self._table.add_slot(f"body-cell-{name}", _WORD_CELL.replace("NAME", name))
         self._table.on_select(self._show_choice)
+        self._table.on("request", self._turned)
 
-    def show(self) -> None:
-        """Show the runs as they are now; sends nothing if no row has changed."""
+    async def show(self) -> None:
+        """Show the runs as they are now, if any has changed."""
         live = console().live
-        now = (live.rows, live.reading, [live.run(name).snapshot.version for name in live.active])
+        now = (live.version, live.reading, [live.run(name).snapshot.version for name in live.active])
         if now != self._seen:
-            self._seen, self._rows = now, live_rows()
-            self._show()
+            self._seen = now
+            await self._show()
 
     def _search(self) -> None:
         with ui.element("div").classes("row search").props("role=search"):
             ui.input("Search", value=self._asked.text, on_change=self._field("text")).props(
                 "outlined dense clearable debounce=250"
             ).classes("grow").tooltip("Words in name, files, operator, devices or verdict")
-            for name, label, values in (
-                ("state", "State", {row.state for row in self._rows}),
-                ("verdict", "Verdict", {row.verdict for row in self._rows if row.verdict}),
-                ("procedure", "Procedure", {row.procedure_name for row in self._rows} - {""}),
-                ("serial", "Robot", {row.serial for row in self._rows} - {""}),
-            ):
+            for name, label in _CHOICES.items():
                 known = str(getattr(self._asked, name))
-                options = {"": _ANY, **{value: value for value in sorted(values | ({known} if known else set()))}}
-                ui.select(options, label=label, value=known, on_change=self._field(name)).props("outlined dense")
+                options = {"": _ANY, **({known: known} if known else {})}
+                self._selects[name] = ui.select(options, label=label, value=known, on_change=self._field(name))
+                self._selects[name].props("outlined dense")
             for name, label in (("since", "From day"), ("until", "To day")):
                 ui.input(label, value=getattr(self._asked, name), on_change=self._field(name)).props(
                     "outlined dense type=date stack-label"
                 )
 
-    def _field(self, name: str) -> Callable[[Any], None]:
-        def changed(event: Any) -> None:
+    def _field(self, name: str) -> Callable[[Any], Awaitable[None]]:
+        async def changed(event: Any) -> None:
             self._asked = replace(self._asked, **{name: event.value or ""})
-            self._show()
+            self._table.pagination = {**self._table.pagination, "page": 1}
+            await self._show()
 
         return changed
 
-    def _show(self) -> None:
-        found = [row for row in self._rows if self._asked.keeps(row)]
-        cells = [_cells(row) | _progress(row) for row in found]
+    async def _turned(self, event: Any) -> None:
+        """Another page, order, or number of rows."""
+        self._table.pagination = {**self._table.pagination, **event.args["pagination"]}
+        await self._show()
+
+    async def _show(self) -> None:
+        turned, asked = self._table.pagination, self._asked
+        size = turned["rowsPerPage"]
+        order = _ORDERS.get(turned["sortBy"], turned["sortBy"])
+
+        def read(index: RunIndex) -> tuple[list[FoundRun], int, int, dict[str, list[str]]]:
+            found = index.page(
+                asked,
+                offset=(turned["page"] - 1) * size,
+                limit=size,
+                order=order or "began",
+                descending=bool(turned["descending"]) or not order,
+            )
+            return found, index.count(asked), index.count(), {name: index.values(name) for name in _CHOICES}
+
+        found, count, total, values = await indexed(read, wait=False)
+        if asked != self._asked:
+            return  # typed on meanwhile: that one is shown
+        for name, select in self._selects.items():
+            options = {"": _ANY, **{value: value for value in sorted({*values[name], getattr(asked, name)} - {""})}}
+            if options != select.options:
+                select.set_options(options)
+        rows = [summary_of(each) for each in found]
+        cells = [_cells(row) | _progress(row) for row in rows]
+        if count != turned["rowsNumber"]:
+            self._table.pagination = {**self._table.pagination, "rowsNumber": count}
         if cells != self._table.rows:
             self._table.rows = cells
-        kept = [row for row in self._table.rows if row["run"] in self._chosen()]
-        if kept != self._table.selected:  # else it would take back what was chosen on the page since
-            self._table.selected = kept
         reading = ", reading more …" if console().live.reading else ""
-        self._count.set_text(f"{len(found)} of {len(self._rows)} runs in {console().runs}{reading}")
+        self._count.set_text(f"{count} of {total} runs in {console().runs}{reading}")
         self._show_choice()
 
-    def _chosen(self) -> list[str]:
-        return [row["run"] for row in self._table.selected]
-
     def _show_choice(self, _: object = None) -> None:
-        chosen = self._chosen()
+        chosen = [row["run"] for row in self._table.selected]
         ready = len(chosen) == 2
         self._compare.props(
             f"href=/compare?{urlencode({'b': chosen[0], 'a': chosen[1]})}" if ready else "href=/compare"
@@ -151,7 +177,7 @@ def _cells(row: RunSummary) -> dict[str, Any]:
         "link": f"/run/{quote(row.run)}{'' if row.process else '/result'}",
         "began": shown_time(row.began),
         "serial": row.serial or "–",
-        "state": row.state,
+        "state": row.state if row.note in (None, row.state) else f"{row.state}, {row.note}",
         "state_look": _look(look_of_state(row)),
         "verdict": row.verdict or "",
         "verdict_look": _look(look_of_verdict(row.verdict)),

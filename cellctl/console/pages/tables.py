@@ -21,13 +21,14 @@ from cellctl.console.appearance import (
     state_word,
     words,
 )
-from cellctl.console.commands import examinations, live_rows, request_for, start_action, start_look, why_busy
+from cellctl.console.commands import examinations, found_rows, request_for, start_action, start_look, why_busy
 from cellctl.console.frame import JobView, follow, follow_event, frame, with_operator
 from cellctl.console.jobs import Job
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
 from cellctl.installed import shipped
+from cellctl.journal.journal_file import FILE_NAME
 from cellctl.operations.results import from_json
 from cellctl.operations.run_folder import SIMULATOR_MEMORY
 from cellctl.operations.run_list import RunSummary
@@ -36,6 +37,7 @@ from cellctl.operations.table_actions import Action, TableLook, TableRequest, kn
 from cellctl.operations.table_diff import ComparedTable, RowChange, TableDifference, table_difference
 from cellctl.operations.table_history import ControllerTables, KnownTable, TableChange, short, table_overview
 from cellctl.report.figures import fixed
+from cellctl.run_index import RunFilter
 
 _SHOWN = 30
 
@@ -116,10 +118,11 @@ class TableAction:
     async def open(self, operator: Operator, action: Action, table: str, serial: str) -> None:
         """Begin `action` with the table of this id (empty: the one before) on the controller `serial`."""
         self._operator, self._action, self._table, self._serial = operator, action, table, serial
+        rows = await found_rows(RunFilter(serial=serial), limit=_LATEST)
         self._content.clear()
         with self._content:
             ui.label(_TITLES[action].format(short(table))).classes("section-title")
-            self._cell, self._memory = _cell_choice(serial)
+            self._cell, self._memory = _cell_choice(rows)
             self._problems = ui.element("div")
             first = "Compare with the controller" if action == "verify" else "Look at the controller"
             with ui.element("div").classes("row") as self._begin:
@@ -246,12 +249,18 @@ def _each_job_and_examination(changed: Callable[[], None]) -> Callable[[], None]
     return end
 
 
-def _cell_choice(serial: str) -> tuple[ui.select, ui.select]:
-    """The cell whose controller is meant, and for a simulated one the run whose memory it continues."""
+_LATEST = 50
+"""Number of runs of a robot among which those are whose simulated controller's memory is offered."""
+
+
+def _cell_choice(found: list[RunSummary]) -> tuple[ui.select, ui.select]:
+    """The cell whose controller is meant, and for a simulated one the run whose memory it continues, of the robot's
+    latest runs.
+    """
     own = console().settings.cell
     names = {"": f"{own.stem} (this console's)"} if own else {}
     names |= {name: name for name in shipped("cell")}
-    rows = [row for row in live_rows() if row.serial == serial and row.cell]
+    rows = [row for row in found if row.cell]
     used = next((_stem(row.cell) for row in rows), "")
     first = "" if own else used if used in names else next(iter(names))
 
@@ -304,7 +313,7 @@ class _Tables:
 
     async def follow(self) -> None:
         """Read again if a run has begun, ended, gone, or changed its table."""
-        now = [(row.run, row.state, row.summary.table_state) for row in console().live.rows]
+        now = console().live.states_version
         if now != self._seen:
             self._seen = now
             await self.read()
@@ -394,7 +403,7 @@ def _known(one: ControllerTables, action: TableAction) -> None:
 
 
 def _run_link(run: str | None) -> None:
-    if run and any(row.run == run for row in live_rows()):
+    if run and (console().runs / run / FILE_NAME).is_file():
         ui.link(run, f"/run/{quote(run)}/result")
     else:
         ui.label(run or "–")

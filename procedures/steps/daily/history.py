@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any, Self, TypeAlias, final
 
@@ -78,39 +79,32 @@ class DailyHistory:
         }
 
 
-@final
-@dataclass(frozen=True)
-class DailyHistories:
-    """All histories in a folder of runs; left_out: name of a check that could not be read, and why."""
+def daily_entry(state: RunState) -> tuple[str, str, dict[str, Any]] | None:
+    """What the history of daily checks keeps of a finished run: its series, the title of that, check and points.
 
-    histories: tuple[DailyHistory, ...]
-    left_out: tuple[tuple[str, str], ...]
+    None for a run of another kind. Raises InputError if its rows cannot be read.
+    """
+    started = state.started
+    if started is None or SECTION not in state.section or (row := state.last(DailyPointsRow)) is None:
+        return None
+    day = row.day
+    same = (day.baseline, day.robot, day.payload_kg, day.accuracy, day.commanded, day.nest_names)
+    title = f"{day.robot}, baseline ‘{day.baseline}’, {day.payload_kg:g} kg"
+    content = {"check": asdict(_check("", started, state)), "points": row.data()}
+    return blake2b(repr(same).encode(), digest_size=12).hexdigest(), title, content
 
-    def to_json(self) -> dict[str, Any]:
-        """For JSON."""
-        left_out = [{"run": name, "why": why} for name, why in self.left_out]
-        return {"histories": [history.to_json() for history in self.histories], "left_out": left_out}
 
-
-def daily_histories(runs: Path, baseline_runs: int | None = None) -> DailyHistories:
-    """The histories of the finished daily checks in the folder `runs`, the one with the latest check first.
+def compared_checks(found: Sequence[tuple[str, Mapping[str, Any]]], baseline_runs: int | None = None) -> DailyHistory:
+    """The history of the checks of one series: name and content of each, at least one.
 
     baseline_runs: number of first checks that give the limits, at least 2; None: as the procedure of the last check
-    says.
+    says. Raises ValueError if their points cannot be compared.
     """
-    groups: dict[object, list[_Found]] = {}
-    left_out: list[tuple[str, str]] = []
-    for run, started, state, day in finished_checks(runs, left_out):
-        same = (day.baseline, day.robot, day.payload_kg, day.accuracy, day.commanded, day.nest_names)
-        groups.setdefault(same, []).append((_check(run, started, state), day))
-    histories = []
-    for group in groups.values():
-        try:
-            histories.append(DailyHistory.of(group, baseline_runs))
-        except ValueError as error:
-            left_out += [(check.run, f"its points cannot be compared: {error}") for check, _ in group]
-    histories.sort(key=lambda history: history.checks[-1].began, reverse=True)
-    return DailyHistories(tuple(histories), tuple(sorted(left_out)))
+    checks = [
+        (DailyCheck(**{**content["check"], "run": run}), DailyPointsRow.read(content["points"]).day)
+        for run, content in found
+    ]
+    return DailyHistory.of(checks, baseline_runs)
 
 
 def finished_checks(

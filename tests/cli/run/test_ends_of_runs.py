@@ -31,8 +31,7 @@ from cellctl.journal import (
     StepStarted,
 )
 from cellctl.journal import Outcome as StepOutcome
-from cellctl.operations.launch import resumed_run
-from cellctl.operations.run_folder import result_of
+from cellctl.operations.launch import result_of, resumed_run
 
 TABLE = {
     "id": "6f86d0" * 10 + "6f86",

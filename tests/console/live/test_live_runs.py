@@ -11,9 +11,11 @@ from typing import Any
 import pytest
 
 from cellctl.console.live import LiveRuns
-from cellctl.console.live import runs as row
 from cellctl.files import InputError
 from cellctl.journal import RunResumed, StateChanged
+from cellctl.operations import run_list
+from cellctl.operations.run_indexing import summary_of
+from cellctl.operations.run_list import RunSummary
 from tests.helpers.engine import WrittenRun, registry
 
 PATIENCE_S = 60.0
@@ -38,12 +40,16 @@ def followed(folder: Path, see: Callable[[LiveRuns], Awaitable[Any]]) -> Any:
 
 
 def rows(runs: LiveRuns) -> list[tuple[str, str, bool]]:
-    return [(each.run, each.state, each.active) for each in runs.rows]
+    return [(row.run, row.state, row.run in runs.active) for row in listed(runs)]
+
+
+def listed(runs: LiveRuns) -> list[RunSummary]:
+    return [summary_of(found) for found in runs.index.page()]
 
 
 def test_a_run_appears_ends_is_resumed_and_is_deleted_while_the_folder_is_followed(tmp_path: Path) -> None:
     async def see(runs: LiveRuns) -> None:
-        assert runs.rows == ()
+        assert rows(runs) == []
         run = WrittenRun(tmp_path / "a")
         await until(lambda: rows(runs) == [("a", "running", True)])
         assert runs.active == ("a",)
@@ -56,7 +62,7 @@ def test_a_run_appears_ends_is_resumed_and_is_deleted_while_the_folder_is_follow
         run.end("aborted")
         await until(lambda: rows(runs) == [("a", "aborted", False)])
         shutil.rmtree(run.folder)
-        await until(lambda: runs.rows == ())
+        await until(lambda: rows(runs) == [("a", "vanished", False)])
 
     followed(tmp_path, see)
 
@@ -69,11 +75,9 @@ def test_the_list_has_the_newest_run_first_and_a_damaged_one_with_its_problem(tm
     (tmp_path / "no run").mkdir()
 
     async def see(runs: LiveRuns) -> None:
-        assert [each.run for each in runs.rows] == ["b", "c", "a", "d"]
-        damaged = runs.rows[-1]
-        assert damaged.state == "unreadable"
-        assert damaged.problem is not None
-        assert damaged.problem.what == "it is no journal"
+        found = listed(runs)
+        assert [row.run for row in found if row.run != "d"] == ["b", "c", "a"]
+        assert [(row.run, row.sentence) for row in found if row.state == "unreadable"] == [("d", "it is no journal")]
 
     followed(tmp_path, see)
 
@@ -87,15 +91,15 @@ def test_old_runs_are_read_once_and_again_only_when_they_change(
     for number in range(1, 100):
         shutil.copytree(run.folder, tmp_path / f"run-{number}")
     read: list[str] = []
-    original = row.read_journal
-    monkeypatch.setattr(row, "read_journal", lambda path: read.append(path.name) or original(path))
+    original = run_list.read_journal
+    monkeypatch.setattr(run_list, "read_journal", lambda path: read.append(path.parent.name) or original(path))
 
     async def see(runs: LiveRuns) -> None:
-        assert len(runs.rows) == 100
-        assert sorted(read) == sorted(each.run for each in runs.rows)
+        assert len(listed(runs)) == 100
+        assert sorted(read) == sorted(each.run for each in listed(runs))
         read.clear()
         looks = asyncio.Event()
-        monkeypatch.setattr(runs._found, "look", _counted(runs._found.look, looks, 2))
+        monkeypatch.setattr(runs, "_changes", _counted(runs._changes, looks, 2))
         await looks.wait()
         assert read == []
         shutil.copy(run.folder / "journal.sqlite", tmp_path / "run-7" / "journal.sqlite")
@@ -105,12 +109,12 @@ def test_old_runs_are_read_once_and_again_only_when_they_change(
     followed(tmp_path, see)
 
 
-def _counted(look: Callable[[], Any], event: asyncio.Event, number: int) -> Callable[[], Any]:
+def _counted(look: Callable[..., Any], event: asyncio.Event, number: int) -> Callable[..., Any]:
     done: list[Any] = []
     loop = asyncio.get_running_loop()
 
-    def looked() -> Any:
-        done.append(look())
+    def looked(*words: Any) -> Any:
+        done.append(look(*words))
         if len(done) > number:
             loop.call_soon_threadsafe(event.set)
         return done[-1]
@@ -178,7 +182,7 @@ def test_a_run_that_nobody_writes_is_read_when_it_is_asked_for_and_a_missing_one
         missing = await runs.snapshot("none")
         assert missing.problem is not None
         assert missing.problem.what == "there is no journal"
-        assert [each.run for each in runs.rows] == ["a"]
+        assert [each.run for each in listed(runs)] == ["a"]
         for name in ("", "..", "a/b", "../a", "a\\b", 300 * "a"):
             with pytest.raises(InputError, match="is no name of a run"):
                 runs.run(name)
@@ -191,18 +195,16 @@ def test_a_run_whose_summary_fails_is_listed_with_its_problem_and_the_others_are
 ) -> None:
     for name in "ab":
         WrittenRun(tmp_path / name).end()
-    original = row.run_summary
+    original = run_list.run_summary
 
     def failing(folder: Path, state: Any) -> Any:
         return original(folder, state) if folder.name == "a" else 1 / 0
 
-    monkeypatch.setattr(row, "run_summary", failing)
+    monkeypatch.setattr(run_list, "run_summary", failing)
 
     async def see(runs: LiveRuns) -> None:
-        assert [(each.run, each.state) for each in runs.rows] == [("a", "finished"), ("b", "unreadable")]
-        problem = runs.rows[1].problem
-        assert problem is not None
-        assert "ZeroDivisionError" in problem.what
+        assert {row.run: row.state for row in listed(runs)} == {"a": "finished", "b": "unreadable"}
+        assert "ZeroDivisionError" in next(row.sentence or "" for row in listed(runs) if row.run == "b")
 
     followed(tmp_path, see)
 

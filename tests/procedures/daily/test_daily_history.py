@@ -7,9 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellctl.installed import histories
 from cellctl.metrology import Signal
-from procedures.steps.daily.history import DailyHistory, daily_histories
+from cellctl.operations.run_indexing import ComparedSeries, current_index, history_page
+from procedures.steps.daily.history import DailyHistory
 from tests.helpers.journals import NOISE_MM, POINTS, check
+
+
+def daily_histories(folder: Path, baseline_runs: int | None = None) -> ComparedSeries:
+    (daily,) = (each for each in histories() if each.name == "daily")
+    with current_index(folder) as index:
+        return history_page(index, daily, baseline_runs)
 
 
 @pytest.fixture(scope="module")

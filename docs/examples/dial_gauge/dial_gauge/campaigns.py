@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from cellctl.installed import Campaigns, History
+from cellctl.journal import RunState
 
 
 @dataclass(frozen=True)
@@ -22,17 +21,17 @@ class Spreads:
         return {"runs": self.runs}
 
 
-def read_spreads(runs: Path, first: int | None) -> Spreads:
-    """The runs of a folder that have readings, the `first` ones or all. A journal that cannot be read is left out."""
-    from cellctl.journal import JournalError, fold, read_journal  # who lists procedures does not need it
-    from dial_gauge.steps import LengthRow  # as above
+def spread_of(state: RunState) -> tuple[str, str, dict[str, float]] | None:
+    """The series of a finished run, its title, and what is compared; None for a run without readings."""
+    from dial_gauge.steps import LengthRow  # who lists procedures does not need it
 
-    found = {}
-    for file in sorted(runs.glob("*/journal.sqlite")):
-        with suppress(JournalError):
-            if lengths := [row.mm for row in fold(read_journal(file)).recorded(LengthRow)]:
-                found[file.parent.name] = max(lengths) - min(lengths)
-    return Spreads(dict(list(found.items())[:first]))
+    lengths = [row.mm for row in state.recorded(LengthRow)]
+    return ("all", "All runs", {"mm": max(lengths) - min(lengths)}) if lengths else None
+
+
+def compare_spreads(found: Sequence[tuple[str, Mapping[str, Any]]], first: int | None) -> Spreads:
+    """The runs of a series, the `first` ones or all."""
+    return Spreads({run: content["mm"] for run, content in found[:first]})
 
 
 def view_spreads() -> Callable[[Spreads], None]:
@@ -55,7 +54,8 @@ CAMPAIGNS = Campaigns(
             name="dial_gauge_mm",
             title="Dial gauge",
             about="Spread of the readings of each run, mm.",
-            read=read_spreads,
+            entry=spread_of,
+            compare=compare_spreads,
             view=view_spreads,
         ),
     ),

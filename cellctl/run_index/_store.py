@@ -1,0 +1,310 @@
+"""The index of one folder of runs in a database: writes what was read of runs, answers lists, histories and trends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import Any, final
+
+from sqlalchemy import Connection, Engine, Table, delete, func, insert, select, text, update
+from sqlalchemy.exc import SQLAlchemyError
+
+from cellctl.run_index._content import (
+    APPLICATION_ID,
+    CONTENTS,
+    HISTORIES,
+    METADATA,
+    PARAMETERS,
+    PLACES,
+    RUNS,
+    VERSION,
+    VERSIONS,
+    IndexedRun,
+)
+from cellctl.run_index._queries import FoundRun, RunFilter, Series, page_of
+
+VANISHED = "vanished"
+"""State of a run whose folder is gone."""
+
+_OF_A_RUN = (PARAMETERS, HISTORIES, CONTENTS, RUNS)
+
+_LOCK = 0x43454C4C
+"""Number of the advisory lock that writers of a server take one after the other."""
+
+
+class IndexUnusable(Exception):
+    """The index cannot be opened, read or written. The journals are not touched by that."""
+
+
+@contextmanager
+def named_errors(what: str) -> Iterator[None]:
+    """Turn errors of the database `what` into IndexUnusable."""
+    try:
+        yield
+    except (SQLAlchemyError, OSError, ImportError) as error:
+        cause = str(getattr(error, "orig", None) or error).strip().partition("\n")[0]
+        raise IndexUnusable(f"{what}: {cause}") from error
+
+
+@final
+class RunIndex:
+    """The index of the runs in one place, for any number of threads and processes. Every method raises IndexUnusable.
+
+    place: `.` for the folder in which the index lies, which may be moved with it, else host and absolute folder. shown:
+    the database, for messages. It is a context manager: leaving it closes the connections.
+    """
+
+    def __init__(self, engine: Engine, place: str, shown: str) -> None:
+        self._engine = engine
+        self._reading = engine.execution_options(isolation_level="AUTOCOMMIT")
+        self.place, self.shown = place, shown
+
+    def __enter__(self) -> RunIndex:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._engine.dispose()
+
+    @contextmanager
+    def _read(self) -> Iterator[Connection]:
+        with named_errors(self.shown), self._reading.connect() as connection:
+            yield connection
+
+    @contextmanager
+    def _write(self) -> Iterator[Connection]:
+        """One transaction; writers of one database follow each other."""
+        with named_errors(self.shown), self._engine.begin() as connection:
+            if self._engine.dialect.name == "postgresql":
+                connection.execute(text(f"SELECT pg_advisory_xact_lock({_LOCK})"))
+            yield connection
+
+    def prepare(self) -> None:
+        """Make the tables that are missing; those of an older version anew."""
+        if (found := self._version()) == VERSION:
+            return
+        if found > VERSION:
+            raise IndexUnusable(f"{self.shown}: it was made by a newer cellctl ({found}, known here: {VERSION})")
+        with self._write() as connection:
+            if self._engine.dialect.name == "sqlite":
+                connection.exec_driver_sql(f"PRAGMA application_id = {APPLICATION_ID}")
+            METADATA.drop_all(connection)
+            METADATA.create_all(connection)
+            connection.execute(insert(VERSIONS).values(version=VERSION))
+
+    def _version(self) -> int:
+        with self._read() as connection:
+            if not self._engine.dialect.has_table(connection, VERSIONS.name):
+                return 0
+            return int(connection.execute(select(func.max(VERSIONS.c.version))).scalar() or 0)
+
+    def put(self, runs: Sequence[IndexedRun]) -> None:
+        """Write what was read of these runs, in place of what was known of them."""
+        rows: dict[Table, list[dict[str, Any]]] = {table: [] for table in _OF_A_RUN}
+        for run in runs:
+            for table, each in self._rows(run).items():
+                rows[table] += each
+        with self._write() as connection:
+            self._delete(connection, [run.run for run in runs])
+            for table, each in rows.items():
+                if each:
+                    connection.execute(insert(table), each)
+
+    def vanish(self, names: Sequence[str]) -> None:
+        """Mark these runs as vanished; remove those that are in the same place by another name, and what was no run."""
+        if not names:
+            return
+        with self._write() as connection:
+            for name in names:
+                own = (RUNS.c.place == self.place) & (RUNS.c.run == name)
+                identity = select(RUNS.c.identity).where(own).scalar_subquery()
+                moved = select(RUNS.c.run).where(
+                    RUNS.c.place == self.place, RUNS.c.run != name, RUNS.c.present, RUNS.c.identity == identity
+                )
+                nameless = select(RUNS.c.run).where(own, RUNS.c.identity == "")
+                if connection.execute(nameless).first() or connection.execute(moved).first():
+                    self._delete(connection, [name])
+                else:
+                    gone = {"present": False, "state": VANISHED, "settled": True, "process": ""}
+                    connection.execute(update(RUNS).where(own).values(gone))
+
+    def _delete(self, connection: Connection, names: Sequence[str]) -> None:
+        for table in _OF_A_RUN:
+            connection.execute(delete(table).where(table.c.place == self.place, table.c.run.in_(names)))
+
+    def clear(self) -> None:
+        """Remove all that is known of this place."""
+        with self._write() as connection:
+            for table in (*_OF_A_RUN, PLACES):
+                connection.execute(delete(table).where(table.c.place == self.place))
+
+    def remember(self, names: str, looked: str) -> None:
+        """Keep the digest of the folders' names, and when every journal was compared; empty: not now."""
+        with self._write() as connection:
+            before = connection.execute(select(PLACES).where(PLACES.c.place == self.place)).first()
+            if before and before.names == names and not looked:
+                return
+            connection.execute(delete(PLACES).where(PLACES.c.place == self.place))
+            kept = looked or (before.looked if before else "")
+            connection.execute(insert(PLACES).values(place=self.place, names=names, looked=kept))
+
+    def names_of_folders(self) -> str:
+        """The digest of the folders' names that was kept last; empty without one."""
+        return self._of_place("names")
+
+    def looked(self) -> str:
+        """When every journal was last compared with its row, UTC, ISO 8601; empty if never."""
+        return self._of_place("looked")
+
+    def _of_place(self, name: str) -> str:
+        with self._read() as connection:
+            return str(connection.execute(select(PLACES.c[name]).where(PLACES.c.place == self.place)).scalar() or "")
+
+    def differs(self, run: IndexedRun) -> bool:
+        """Whether the index holds something else of this run."""
+        with self._read() as connection:
+            for table, rows in self._rows(run).items():
+                own = select(table).where(table.c.place == self.place, table.c.run == run.run)
+                if sorted(map(tuple, connection.execute(own))) != sorted(tuple(row.values()) for row in rows):
+                    return True
+        return False
+
+    def _rows(self, run: IndexedRun) -> dict[Table, list[dict[str, Any]]]:
+        """The rows of a run in each table, with all columns in their order."""
+        key = {"place": self.place, "run": run.run}
+        fields = {column.name: getattr(run, column.name, None) for column in RUNS.columns}
+        return {
+            PARAMETERS: [{**key, **asdict(each)} for each in run.parameters],
+            HISTORIES: [_ordered(HISTORIES, {**key, **asdict(each), "began": run.began}) for each in run.entries],
+            CONTENTS: [{**key, "json": run.content}],
+            RUNS: [{**fields, **key, "present": True}],
+        }
+
+    def known(self) -> dict[str, tuple[str, bool]]:
+        """Run → its fingerprint, and whether its folder was there."""
+        wanted = select(RUNS.c.run, RUNS.c.fingerprint, RUNS.c.present).where(RUNS.c.place == self.place)
+        with self._read() as connection:
+            return {run: (found, bool(present)) for run, found, present in connection.execute(wanted)}
+
+    def unsettled(self) -> list[tuple[str, str, str]]:
+        """Run, fingerprint and process of the runs that may change by themselves."""
+        wanted = select(RUNS.c.run, RUNS.c.fingerprint, RUNS.c.process).where(
+            RUNS.c.place == self.place, ~RUNS.c.settled
+        )
+        with self._read() as connection:
+            return [tuple(row) for row in connection.execute(wanted)]
+
+    def active(self) -> list[str]:
+        """The runs that a process writes, as far as known, the one that began last first."""
+        wanted = select(RUNS.c.run).where(*self._here(RUNS), ~RUNS.c.settled, RUNS.c.process != "")
+        with self._read() as connection:
+            return list(connection.execute(wanted.order_by(RUNS.c.began.desc())).scalars())
+
+    def count(self, asked: RunFilter | None = None) -> int:
+        """How many runs are as `asked`."""
+        with self._read() as connection:
+            wanted = select(func.count()).select_from(RUNS).where(*self._where(asked))
+            return int(connection.execute(wanted).scalar() or 0)
+
+    def lines(self, asked: RunFilter, *names: str, everywhere: bool = False) -> list[tuple[Any, ...]]:
+        """These columns of all runs as `asked`, newest first; `everywhere`: of all places, with the place first."""
+        columns = [RUNS.c[name] for name in (("place", *names) if everywhere else names)]
+        order = (RUNS.c.began.desc(), RUNS.c.run.desc())
+        with self._read() as connection:
+            wanted = select(*columns).where(*self._where(asked, everywhere=everywhere)).order_by(*order)
+            return [tuple(row) for row in connection.execute(wanted)]
+
+    def page(
+        self,
+        asked: RunFilter | None = None,
+        *,
+        offset: int = 0,
+        limit: int | None = None,
+        order: str = "began",
+        descending: bool = True,
+    ) -> list[FoundRun]:
+        """The runs as `asked` with what they hold, from number `offset` on, newest first or in another `order`."""
+        wanted = page_of(self._where(asked), order, descending=descending).offset(offset).limit(limit)
+        with self._read() as connection:
+            rows = connection.execute(wanted).all()
+            notes = self._notes(connection, rows)
+        return [FoundRun(row.place, row.run, row.json, row.present, notes.get(row.run, "")) for row in rows]
+
+    def _notes(self, connection: Connection, rows: Sequence[Any]) -> dict[str, str]:
+        """Run → that it vanished, was renamed or copied; of a page."""
+        strange = [row for row in rows if row.identity and (not row.present or (row.began_as not in ("", row.run)))]
+        if not strange:
+            return {}
+        same = select(RUNS.c.identity, RUNS.c.place, RUNS.c.run).where(
+            RUNS.c.present, RUNS.c.identity.in_({row.identity for row in strange})
+        )
+        others: dict[str, list[tuple[str, str]]] = {}
+        for identity, place, run in connection.execute(same):
+            others.setdefault(identity, []).append((place, run))
+        notes = {}
+        for row in strange:
+            found = others.get(row.identity, [])
+            if not row.present:
+                there = next((f"{place} {run}" for place, run in found), "")
+                notes[row.run] = f"moved to {there}" if there else VANISHED
+            elif (self.place, row.began_as) in found:
+                notes[row.run] = f"copy of {row.began_as}"
+            else:
+                notes[row.run] = f"renamed, began as {row.began_as}"
+        return notes
+
+    def values(self, column: str) -> list[str]:
+        """The values of a column of the list, without the empty one, sorted."""
+        found = RUNS.c[column]
+        wanted = select(found).where(*self._here(RUNS), found != "").distinct().order_by(found)
+        with self._read() as connection:
+            return list(connection.execute(wanted).scalars())
+
+    def series(self, history: str) -> list[Series]:
+        """The series of a history, the one with the latest run first."""
+        of = HISTORIES.c
+        wanted = (
+            select(of.series, func.max(of.title), func.count(), func.max(of.began))
+            .where(of.place == self.place, of.history == history)
+            .group_by(of.series)
+            .order_by(func.max(of.began).desc(), of.series)
+        )
+        with self._read() as connection:
+            return [Series(*row) for row in connection.execute(wanted)]
+
+    def entries(self, history: str, series: str) -> list[tuple[str, str]]:
+        """Run and content (JSON) of the runs of a series, oldest first."""
+        of = HISTORIES.c
+        own = (of.place == self.place, of.history == history, of.series == series)
+        with self._read() as connection:
+            wanted = select(of.run, of.json).where(*own).order_by(of.began, of.run)
+            return [tuple(row) for row in connection.execute(wanted)]
+
+    def serial_of(self, run: str) -> str:
+        """The serial of the robot of this run; empty if it is not known."""
+        with self._read() as connection:
+            wanted = select(RUNS.c.serial).where(RUNS.c.place == self.place, RUNS.c.run == run)
+            return str(connection.execute(wanted).scalar() or "")
+
+    def with_model(self, serial: str) -> list[FoundRun]:
+        """The runs of a robot that have a model, oldest first."""
+        conditions = [*self._here(RUNS), RUNS.c.present, RUNS.c.has_model, RUNS.c.serial == serial]
+        with self._read() as connection:
+            rows = connection.execute(page_of(conditions, "began", descending=False)).all()
+        return [FoundRun(row.place, row.run, row.json, row.present, "") for row in rows]
+
+    def _here(self, table: Table) -> list[Any]:
+        conditions: list[Any] = [table.c.place == self.place]
+        return [*conditions, RUNS.c.state != ""] if table is RUNS else conditions
+
+    def _where(self, asked: RunFilter | None, *, everywhere: bool = False) -> list[Any]:
+        here = [RUNS.c.state != ""] if everywhere else self._here(RUNS)
+        return [*here, *(asked.conditions() if asked else ())]
+
+
+def _ordered(table: Table, row: dict[str, Any]) -> dict[str, Any]:
+    return {column.name: row[column.name] for column in table.columns}
