@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from cellctl.installed import Campaigns, History
@@ -12,18 +13,22 @@ if TYPE_CHECKING:
     from procedures.steps.daily.history import DailyHistory
 
 
-def _daily_entry(state: RunState) -> tuple[str, str, dict[str, Any]] | None:
-    if "daily" not in state.section:
-        return None
-    from procedures.steps.daily.history import daily_entry  # the steps take long, and who lists runs needs none
+def _daily_history() -> ModuleType:
+    from procedures.steps.daily import history  # the steps take long, and who lists runs needs none
 
-    return daily_entry(state)
+    return history
+
+
+def _daily_entry(state: RunState) -> tuple[str, str, dict[str, Any]] | None:
+    found: tuple[str, str, dict[str, Any]] | None = None
+    if "daily" in state.section:
+        found = _daily_history().daily_entry(state)
+    return found
 
 
 def _daily_checks(found: Sequence[tuple[str, Mapping[str, Any]]], baseline_runs: int | None) -> DailyHistory:
-    from procedures.steps.daily.history import compared_checks  # as above
-
-    return compared_checks(found, baseline_runs)
+    compared: DailyHistory = _daily_history().compared_checks(found, baseline_runs)
+    return compared
 
 
 def _daily_view() -> Callable[[DailyHistory], None]:

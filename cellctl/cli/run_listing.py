@@ -71,7 +71,7 @@ def _aligned(rows: list[tuple[str, ...]]) -> list[str]:
 
 
 app = typer.Typer(
-    help="The index of the runs: made again, or compared with the journals. Lists and pages keep it up to date.",
+    help="Make the index of the runs again, or compare it with the journals.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

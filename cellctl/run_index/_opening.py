@@ -95,22 +95,32 @@ def _own(runs: Path) -> RunIndex:
         head = found.read(_HEAD)
         if head and int.from_bytes(head[_HEAD - 4 :]) not in (0, APPLICATION_ID):
             raise IndexUnusable(f"{file}: it is a database of another program")
-    return _prepared(RunIndex(_sqlite(str(file)), ".", str(file)))
+    try:
+        return _prepared(RunIndex(_sqlite(str(file)), ".", str(file)))
+    except IndexUnusable:
+        if not remove_damaged(runs, thorough=True):
+            raise
+        return _prepared(RunIndex(_sqlite(str(file)), ".", str(file)))
 
 
-def remove_damaged(runs: Path, *, thorough: bool = False) -> None:
-    """Remove the folder's own index if it is no database or, looking at all of it if `thorough`, a damaged one."""
+def remove_damaged(runs: Path, *, thorough: bool = False) -> bool:
+    """Remove the folder's own index if it is no database or, looking at all of it if `thorough`, a damaged one.
+
+    Returns whether it did. Raises IndexUnusable if it cannot be removed.
+    """
     file = runs / FILE_NAME
     try:
         with closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True, timeout=_BUSY_S)) as connection:
-            connection.execute("PRAGMA quick_check(1)" if thorough else "PRAGMA schema_version").fetchone()
+            found = connection.execute("PRAGMA quick_check(1)" if thorough else "PRAGMA schema_version").fetchone()
+            damaged = thorough and found != ("ok",)
     except sqlite3.DatabaseError as error:
-        if getattr(error, "sqlite_errorcode", 0) & 0xFF not in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
-            return
+        damaged = getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT)
+    if damaged:
         logging.getLogger(__name__).warning("%s is damaged, and is made anew from the journals", file)
         with named_errors(str(file)):
             for name in (FILE_NAME, f"{FILE_NAME}-wal", f"{FILE_NAME}-shm"):
                 (runs / name).unlink(missing_ok=True)
+    return damaged
 
 
 def _temporary(runs: Path) -> RunIndex:
@@ -121,8 +131,13 @@ def _temporary(runs: Path) -> RunIndex:
     for name in (FILE_NAME, f"{FILE_NAME}-wal"):
         with suppress(OSError):
             shutil.copy(runs / name, copy / name)
-    remove_damaged(copy, thorough=True)
-    index = _prepared(RunIndex(_sqlite(str(copy / FILE_NAME)), ".", "a temporary index"))
+    try:
+        index = _own(copy)
+    except IndexUnusable:  # of a newer version, or of another program
+        for file in copy.iterdir():
+            file.unlink()
+        index = _own(copy)
+    index.shown = "a temporary index"
     weakref.finalize(index, folder.cleanup)
     return index
 

@@ -165,21 +165,23 @@ class RunIndex:
             return str(connection.execute(select(PLACES.c[name]).where(PLACES.c.place == self.place)).scalar() or "")
 
     def differs(self, run: IndexedRun) -> bool:
-        """Whether the index holds something else of this run."""
+        """Whether the index holds something else of this run than its journal says."""
         with self._read() as connection:
             for table, rows in self._rows(run).items():
-                own = select(table).where(table.c.place == self.place, table.c.run == run.run)
-                if sorted(map(tuple, connection.execute(own))) != sorted(tuple(row.values()) for row in rows):
+                columns = [column for column in table.columns if column.name not in ("fingerprint", "settled")]
+                own = select(*columns).where(table.c.place == self.place, table.c.run == run.run)
+                wanted = sorted(tuple(row[column.name] for column in columns) for row in rows)
+                if sorted(map(tuple, connection.execute(own))) != wanted:
                     return True
         return False
 
     def _rows(self, run: IndexedRun) -> dict[Table, list[dict[str, Any]]]:
-        """The rows of a run in each table, with all columns in their order."""
+        """The rows of a run in each table."""
         key = {"place": self.place, "run": run.run}
         fields = {column.name: getattr(run, column.name, None) for column in RUNS.columns}
         return {
             PARAMETERS: [{**key, **asdict(each)} for each in run.parameters],
-            HISTORIES: [_ordered(HISTORIES, {**key, **asdict(each), "began": run.began}) for each in run.entries],
+            HISTORIES: [{**key, **asdict(each), "began": run.began} for each in run.entries],
             CONTENTS: [{**key, "json": run.content}],
             RUNS: [{**fields, **key, "present": True}],
         }
@@ -304,7 +306,3 @@ class RunIndex:
     def _where(self, asked: RunFilter | None, *, everywhere: bool = False) -> list[Any]:
         here = [RUNS.c.state != ""] if everywhere else self._here(RUNS)
         return [*here, *(asked.conditions() if asked else ())]
-
-
-def _ordered(table: Table, row: dict[str, Any]) -> dict[str, Any]:
-    return {column.name: row[column.name] for column in table.columns}
