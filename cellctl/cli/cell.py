@@ -198,6 +198,7 @@ def console(
     host: Annotated[str, typer.Option(help="Address of this machine to listen at.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to listen at.", min=1, max=65535)] = 8090,
     runs: arguments.Runs = Path("runs"),
+    index: arguments.Index = None,
 ) -> None:
     """Serve the operator's console and its JSON API until Ctrl-C.
 

@@ -97,6 +97,7 @@ def run(
     confirm_all: Annotated[bool, typer.Option(help="Confirm every `confirm` step without asking.")] = False,
     folder: Annotated[Path | None, typer.Option("--folder", hidden=True, help="A folder made for this run.")] = None,
     simulator: Annotated[list[str] | None, typer.Option("--simulator", hidden=True)] = None,
+    index: arguments.Index = None,
 ) -> None:
     """Run a procedure on its cell, after the checks of `check`.
 

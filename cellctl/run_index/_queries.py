@@ -5,15 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final, final
 
-from sqlalchemy import ColumnElement, Select, func, select
+from sqlalchemy import ColumnElement, FromClause, Select, func, select
 
 from cellctl.run_index._content import CONTENTS, RUNS
-
-ORDERS: Final = {
-    name: RUNS.c[name]
-    for name in ("run", "began", "serial", "state", "verdict", "points", "before_mm", "after_mm", "table_state")
-}
-"""By what runs can be ordered."""
 
 _AFTER_ALL: Final = "\uffff"
 """Above every character of an instant: the days and instants that begin like `until` are included."""
@@ -72,10 +66,17 @@ class Series:
     last: str
 
 
-def page_of(conditions: list[ColumnElement[bool]], order: str, *, descending: bool) -> Select[Any]:
-    """Runs with what they hold, in an order that is the same each time."""
-    by = [ORDERS[order], RUNS.c.began, RUNS.c.run]
-    found = select(
-        RUNS.c.place, RUNS.c.run, RUNS.c.present, RUNS.c.identity, RUNS.c.began_as, RUNS.c.state, CONTENTS.c.json
-    ).join(CONTENTS, (RUNS.c.place == CONTENTS.c.place) & (RUNS.c.run == CONTENTS.c.run))
-    return found.where(*conditions).order_by(*(each.desc() if descending else each for each in by))
+def page_of(
+    conditions: list[ColumnElement[bool]], order: str, *, descending: bool, offset: int = 0, limit: int | None = None
+) -> Select[Any]:
+    """Runs with what they hold, in an order that is the same each time; what they hold is looked up for these alone."""
+
+    def by(table: FromClause) -> list[ColumnElement[Any]]:
+        columns = [table.c[name] for name in dict.fromkeys((order, "began", "run"))]
+        return [each.desc() if descending else each for each in columns]
+
+    names = dict.fromkeys(("place", "run", "present", "identity", "began_as", "began", order))
+    found = select(*(RUNS.c[name] for name in names)).where(*conditions).order_by(*by(RUNS))
+    chosen = found.offset(offset).limit(limit).subquery()
+    held = (chosen.c.place == CONTENTS.c.place) & (chosen.c.run == CONTENTS.c.run)
+    return select(chosen, CONTENTS.c.json).join(CONTENTS, held).order_by(*by(chosen))

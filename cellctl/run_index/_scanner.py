@@ -67,7 +67,7 @@ class Scanner:
         names = blake2b("\0".join(listed).encode(errors="surrogateescape"), digest_size=16).hexdigest()
         unread: dict[str, None] = {}
         gone: list[str] = []
-        if thorough or names != self._index.names_of_folders():
+        if thorough or self._index.folders() != (names, len(listed)):
             known = self._index.known()
             gone = [run for run, (_, present) in known.items() if present and run not in listed]
             for name in listed:

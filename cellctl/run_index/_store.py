@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any, final
 
-from sqlalchemy import Connection, Engine, Table, delete, func, insert, select, text, update
+from sqlalchemy import Connection, Engine, Row, Table, delete, func, insert, select, text, update
 from sqlalchemy.exc import SQLAlchemyError
 
 from cellctl.run_index._content import (
@@ -152,9 +152,11 @@ class RunIndex:
             kept = looked or (before.looked if before else "")
             connection.execute(insert(PLACES).values(place=self.place, names=names, looked=kept))
 
-    def names_of_folders(self) -> str:
-        """The digest of the folders' names that was kept last; empty without one."""
-        return self._of_place("names")
+    def folders(self) -> tuple[str, int]:
+        """The digest of the folders' names that was kept last, empty without one; how many folders have a row now."""
+        with self._read() as connection:
+            present = select(func.count()).where(RUNS.c.place == self.place, RUNS.c.state != VANISHED)
+            return self._of_place("names"), int(connection.execute(present).scalar() or 0)
 
     def looked(self) -> str:
         """When every journal was last compared with its row, UTC, ISO 8601; empty if never."""
@@ -212,13 +214,13 @@ class RunIndex:
             wanted = select(func.count()).select_from(RUNS).where(*self._where(asked))
             return int(connection.execute(wanted).scalar() or 0)
 
-    def lines(self, asked: RunFilter, *names: str, everywhere: bool = False) -> list[tuple[Any, ...]]:
+    def lines(self, asked: RunFilter, *names: str, everywhere: bool = False) -> list[Row[Any]]:
         """These columns of all runs as `asked`, newest first; `everywhere`: of all places, with the place first."""
         columns = [RUNS.c[name] for name in (("place", *names) if everywhere else names)]
         order = (RUNS.c.began.desc(), RUNS.c.run.desc())
         with self._read() as connection:
             wanted = select(*columns).where(*self._where(asked, everywhere=everywhere)).order_by(*order)
-            return [tuple(row) for row in connection.execute(wanted)]
+            return list(connection.execute(wanted))
 
     def page(
         self,
@@ -229,8 +231,8 @@ class RunIndex:
         order: str = "began",
         descending: bool = True,
     ) -> list[FoundRun]:
-        """The runs as `asked` with what they hold, from number `offset` on, newest first or in another `order`."""
-        wanted = page_of(self._where(asked), order, descending=descending).offset(offset).limit(limit)
+        """The runs as `asked` with what they hold, from number `offset` on, newest first or by another column."""
+        wanted = page_of(self._where(asked), order, descending=descending, offset=offset, limit=limit)
         with self._read() as connection:
             rows = connection.execute(wanted).all()
             notes = self._notes(connection, rows)
