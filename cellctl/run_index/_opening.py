@@ -11,6 +11,7 @@ import socket
 import sqlite3
 import tempfile
 import weakref
+from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -50,13 +51,14 @@ def opened_index(runs: Path, *, strict: bool = False, temporary: bool = False) -
     none.
     """
     url = shared_url()
-    attempts = [lambda: _shared(runs, url)] if url else []
-    attempts += [lambda: _own(runs)] if not (strict and url) else []
-    attempts = [] if temporary else attempts
-    attempts += [lambda: _temporary(runs)] if not strict else []
+    attempts: list[Callable[[Path], RunIndex]] = []
+    if not temporary:
+        attempts += [_shared] if url else []
+        attempts += [_own] if not (strict and url) else []
+    attempts += [_temporary] if not strict else []
     for attempt in attempts:
         try:
-            return attempt()
+            return attempt(runs)
         except IndexUnusable as error:
             if strict:
                 raise
@@ -64,7 +66,8 @@ def opened_index(runs: Path, *, strict: bool = False, temporary: bool = False) -
     raise IndexUnusable("no index can be made: there is no space for a temporary one")
 
 
-def _shared(runs: Path, url: str) -> RunIndex:
+def _shared(runs: Path) -> RunIndex:
+    url = shared_url()
     try:
         address = make_url(url)
     except Exception as error:

@@ -65,8 +65,9 @@ class Fuzzed:
         return not path.endswith(PROCESSES) or self.sent[path] == 1
 
     def content(self) -> dict[str, str]:
-        """The files of the runs folder with their hashes, the reading marks of journals apart."""
-        files = (file for file in self.console.runs.rglob("*") if file.is_file() and not file.name.endswith("-shm"))
+        """The files of the runs folder with their hashes, the reading marks of journals and the index apart."""
+        found = (file for file in self.console.runs.rglob("*") if file.is_file())
+        files = (file for file in found if not file.name.endswith("-shm") and not file.name.startswith("index.sqlite"))
         return {str(file): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
 
     def log(self) -> str:
