@@ -23,8 +23,8 @@ from cellctl.operations.run_indexing import (
 )
 from cellctl.run_index import IndexUnusable, RunFilter
 
-_COLUMNS = ("run", "began", "state", "points", "verdict", "table")
-_KEYS = ("run", "began", "state", "points", "verdict", "table_state")
+_COLUMNS = ("run", "began", "state", "points", "verdict", "acceptance", "table")
+_KEYS = ("run", "began", "state", "points", "verdict", "acceptance", "table_state")
 
 
 def runs(

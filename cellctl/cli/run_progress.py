@@ -30,6 +30,7 @@ from cellctl.journal import (
 )
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.run_folder import table_line
+from cellctl.operations.run_indexing import tell_existing_index
 from cellctl.operations.run_list import RunEnd
 from cellctl.procedure import phase_titles
 from cellctl.report import write_report
@@ -196,6 +197,7 @@ def report_of(folder: Path) -> None:
     """Write the run's report. A failure is only printed on stderr: the report can be rebuilt."""
     try:
         write_report(folder)
+        tell_existing_index(folder)
     except (OSError, ValueError, LookupError, InputError, JournalError) as error:
         print(f"cellctl: no report: {error}\n    rebuild it with: cellctl report {folder}", file=sys.stderr)
 

@@ -20,6 +20,7 @@ from cellctl.operations.comparing_models import ModelDifference, ParameterChange
 from cellctl.operations.comparing_runs import ComparedFigure, RunComparison, compare_runs
 from cellctl.operations.replay import Agreement, ArtefactReplay, FolderFile, Replay, StepReplay, replay_run
 from cellctl.operations.results import as_json
+from cellctl.operations.run_indexing import tell_existing_index
 from cellctl.operations.run_list import RunSummary, run_summary
 from cellctl.report import FILE_NAME, write_report
 from cellctl.report.figures import acceptance_words, agreement_lines, fixed, with_sigma
@@ -140,6 +141,8 @@ def report(
         raise typer.BadParameter("--limit is a length in mm, above 0")
     stated = {"customer": customer, "site": site, "order": order, "operator": operator, "limit_mm": limit}
     written = write_report(place, out, {name: value for name, value in stated.items() if value is not None})
+    if out is None:
+        tell_existing_index(journal_in(place).parent)
     if json_ != "-":
         typer.echo(written)
     write_json({"run": place.name, "file": str(written)}, json_)

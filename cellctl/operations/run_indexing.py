@@ -28,6 +28,7 @@ from cellctl.operations.run_list import (
     words_of,
 )
 from cellctl.run_index import (
+    FILE_NAME,
     FoundRun,
     HistoryEntry,
     IndexedParameter,
@@ -40,6 +41,7 @@ from cellctl.run_index import (
     fingerprint,
     opened_index,
     remove_damaged,
+    shared_url,
 )
 
 MODEL = "model.json"
@@ -95,6 +97,7 @@ def _indexed(row: RunSummary, found: str, state: RunState | None = None, folder:
         points=row.points,
         before_mm=row.before.mean if row.before else None,
         after_mm=row.after.mean if row.after else None,
+        acceptance=row.accepted,
         table_state=row.table_state or "",
         process=row.process or "",
         has_model=has_model,
@@ -205,6 +208,12 @@ def run_rows(runs: Path, asked: RunFilter | None = None) -> list[RunSummary]:
     """The runs in the folder `runs`, newest first; those that are as `asked`."""
     with current_index(runs) as index:
         return [summary_of(found) for found in index.page(asked)]
+
+
+def tell_existing_index(folder: Path) -> None:
+    """As `tell_index`, if there is an index of the runs' folder: of a run whose report was written again."""
+    if shared_url() or (folder.parent / FILE_NAME).is_file():
+        tell_index(folder)
 
 
 @final

@@ -19,6 +19,7 @@ from cellctl.operations.fitting import requested_rows
 from cellctl.operations.fold_processes import as_lists
 from cellctl.operations.replay import replay_run
 from cellctl.operations.results import as_json, from_json
+from cellctl.operations.run_indexing import tell_existing_index
 from cellctl.operations.table_actions import TableRequest, act, look
 from cellctl.operations.worker import Tell
 from cellctl.report import write_report
@@ -70,7 +71,10 @@ def replay(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
 def report(request: dict[str, Any], tell: Tell) -> dict[str, Any]:
     """Write the report of the run in the folder `place` again."""
     tell({"doing": "writing the report", "share": 0.0})
-    return {"file": write_report(Path(request["place"])).name}
+    place = Path(request["place"])
+    file = write_report(place)
+    tell_existing_index(place)
+    return {"file": file.name}
 
 
 def export(request: dict[str, Any], tell: Tell) -> dict[str, Any]:

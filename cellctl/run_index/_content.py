@@ -56,6 +56,7 @@ RUNS = Table(
     Column("points", Integer),
     Column("before_mm", Float),
     Column("after_mm", Float),
+    _text("acceptance"),
     _text("table_state"),
     _text("process"),
     Column("has_model", Boolean, nullable=False),
@@ -155,6 +156,7 @@ class IndexedRun:
     points: int | None = None
     before_mm: float | None = None
     after_mm: float | None = None
+    acceptance: str = ""
     table_state: str = ""
     process: str = ""
     has_model: bool = False

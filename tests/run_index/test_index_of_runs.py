@@ -22,7 +22,7 @@ from cellctl.cli.verbs import app
 from cellctl.files import InputError
 from cellctl.operations import run_list
 from cellctl.operations.launch import tell_index
-from cellctl.operations.run_indexing import current_index, rebuild_index, run_rows, verify_index
+from cellctl.operations.run_indexing import current_index, rebuild_index, run_rows, tell_existing_index, verify_index
 from cellctl.run_index import FILE_NAME, VARIABLE, RunFilter, opened_index
 from tests.helpers.engine import WrittenRun
 from tests.helpers.many_runs import made_check, made_runs, not_durable
@@ -96,6 +96,16 @@ def test_a_folder_that_was_renamed_copied_or_removed_is_listed_as_that(runs: Pat
     assert [row.run for row in run_rows(runs, RunFilter(state="vanished"))] == [third]
     rebuild_index(runs)
     assert third not in states(runs)
+
+
+def test_a_report_written_again_is_told_to_the_index_that_there_is_and_makes_none(runs: Path, read: list[str]) -> None:
+    folder = next(runs.glob("daily*"))
+    tell_existing_index(folder)
+    assert not (runs / FILE_NAME).exists()
+    run_rows(runs)
+    read.clear()
+    tell_existing_index(folder)
+    assert read == [folder.name]
 
 
 def test_a_damaged_run_is_listed_as_unreadable_and_a_repaired_one_as_it_is(runs: Path, tmp_path: Path) -> None:
