@@ -253,14 +253,14 @@ _LATEST = 50
 """Number of runs of a robot among which those are whose simulated controller's memory is offered."""
 
 
-def _cell_choice(found: list[RunSummary]) -> tuple[ui.select, ui.select]:
+def _cell_choice(latest: list[RunSummary]) -> tuple[ui.select, ui.select]:
     """The cell whose controller is meant, and for a simulated one the run whose memory it continues, of the robot's
     latest runs.
     """
     own = console().settings.cell
     names = {"": f"{own.stem} (this console's)"} if own else {}
     names |= {name: name for name in shipped("cell")}
-    rows = [row for row in found if row.cell]
+    rows = [row for row in latest if row.cell]
     used = next((_stem(row.cell) for row in rows), "")
     first = "" if own else used if used in names else next(iter(names))
 
