@@ -260,7 +260,7 @@ async def _bounded(app: ASGIApp, scope: Scope, receive: Receive, send: Send, lar
 
 def _too_large(largest: int) -> tuple[int, str, str]:
     what = f"the upload is larger than {largest / 1e6:g} MB"
-    return 413, what, "reduce it, or use the command line: `cellctl fit` reads files of any size"
+    return 413, what, "reduce it, or fit it on the command line, which reads files of any size"
 
 
 def _cookie(headers: Headers, name: str) -> str | None:

@@ -8,21 +8,23 @@ from decimal import Decimal
 from typing import Literal, TypeAlias
 
 from cellctl.files import InputError, Problem
+from cellctl.formats.workbook import START, table_of_workbook
 
 _SPREADSHEETS = {
-    b"PK\x03\x04": "a spreadsheet (xlsx, ods) or another archive",
     b"\xd0\xcf\x11\xe0": "a spreadsheet (xls)",
 }
 
 
 def decoded(data: bytes, file: str) -> str:
-    """A file's text: UTF-8 or UTF-16 (marked), else Windows' Western code page.
+    """A file's text: UTF-8 or UTF-16 (marked), else Windows' Western code page; of a workbook (`.xlsx`) its sheet's.
 
-    `file` names it in errors. Raises InputError for a spreadsheet.
+    `file` names it in errors. Raises InputError for another spreadsheet.
     """
     for start, what in _SPREADSHEETS.items():
         if data.startswith(start):
             raise InputError(Problem(file, 0, 0, f"is {what}, not text", "save the sheet as CSV"))
+    if data.startswith(START):
+        return table_of_workbook(data, file)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", "replace")
     for encoding in ("utf-8-sig", "cp1252"):

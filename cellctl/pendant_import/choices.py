@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, final, get_args
@@ -24,6 +25,8 @@ _ALLOWED = {
     "j3": ThirdJoint,
 }
 _MOST_SIGMAS = 10.0
+_BETWEEN = re.compile(r",(?=[^,=]*=)")
+"""A comma between two columns; one inside a heading (`X, mm`) has no `=` before the next."""
 
 
 @final
@@ -70,7 +73,7 @@ def choices(
             problems.append(Problem(f"--{option}", 0, 0, f"'{text}' is not known", " or ".join(allowed)))
         given[option] = text
     named: dict[str, str] = {}
-    for item in ",".join(columns).split(","):
+    for item in _BETWEEN.split(",".join(columns)):
         target, equals, source = (part.strip() for part in item.partition("="))
         if item and not (target and equals and source):
             problems.append(Problem("--columns", 0, 0, f"'{item}' is not column=heading", "A1=shoulder,X=north"))

@@ -50,8 +50,9 @@ def test_a_refused_file_is_read_again_with_the_answers_that_the_page_asks_for(tm
         page.goto(console.command_url)
         choose(page, data)
         page.get_by_role("alert").get_by_text("‘Columns of the file’").wait_for()
-        columns = dict(zip(["A1", "A2", "A3", "A4", "A5", "A6", "X", "Y", "Z"], JOINTS + PLACE, strict=True))
-        page.get_by_label("Columns of the file").fill(",".join(f"{name}={own}" for name, own in columns.items()))
+        named = ",".join(f"A{number}={own}" for number, own in enumerate(JOINTS, 1))
+        named += ",temperature=measurement_temperature"
+        expect(page.get_by_label("Columns of the file")).to_have_value(named)
         page.get_by_role("button", name="Read the file again").click()
         expect(page.get_by_role("alert").get_by_text("‘Unit of the joints’ rad")).to_be_in_viewport(timeout=TIME_MS)
         page.get_by_label("Unit of the joints").click()

@@ -91,9 +91,8 @@ def test_a_data_set_is_read_in_whatever_a_spreadsheet_saved_it(tmp_path, encodin
     assert DataSet.load(tmp_path / "data.csv").texts("ort") == ["Süd"]
 
 
-@pytest.mark.parametrize("start", [b"PK\x03\x04", b"\xd0\xcf\x11\xe0"])
-def test_a_workbook_itself_is_named_as_such(tmp_path, start):
-    (tmp_path / "data.xlsx").write_bytes(start + bytes(range(256)))
+def test_an_old_workbook_is_named_as_such(tmp_path):
+    (tmp_path / "data.xlsx").write_bytes(b"\xd0\xcf\x11\xe0" + bytes(range(256)))
     with pytest.raises(InputError, match="not text\n    save the sheet as CSV"):
         DataSet.load(tmp_path / "data.xlsx")
 

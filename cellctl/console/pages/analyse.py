@@ -16,6 +16,7 @@ from cellctl.console.analysis_commands import Upload
 from cellctl.console.appearance import Cell, State, command_button, figures, section, shown_time, state_word, words
 from cellctl.console.frame import Commands, TokenDialog, follow_event, frame, operator, show_problems
 from cellctl.console.guarding import LARGEST_BODY
+from cellctl.console.pages.import_columns import ColumnPicker, uploaded_columns
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
@@ -109,6 +110,7 @@ class ImportAnswers:
         self._all = ui.expansion(title).props("dense").classes("unfolding").style("width: 100%")
         with self._all:
             ui.label("Only for what the file leaves open.").classes("note")
+            self.columns = ColumnPicker(lambda text: self._fields["columns"].set_value(text))
             with ui.element("div").classes("answers"):
                 for name, (label, options) in _CHOICES.items():
                     self._fields[name] = ui.select(options, value="", label=label).props("outlined dense")
@@ -164,6 +166,7 @@ class _UploadPart:
 
     def __init__(self) -> None:
         self._files: dict[str, FileUpload] = {}
+        self._asked = False
         self._place = ui.column().classes("w-full").style("width: 100%; gap: .75rem")
         with self._place:
             self._zone = ui.element("div").style("width: 100%")
@@ -185,15 +188,17 @@ class _UploadPart:
             else:
                 self._upload = drop_zone(
                     "Drop a data file here",
-                    "A CSV data set, a table with joints and positions, or a robot program and its table of positions "
-                    "together. A robot file (YAML or URDF) and an artefact file (YAML) may come along. "
-                    f"At most {LARGEST_BODY // 1_000_000} MB.",
+                    "A data set or a table with joints and positions (CSV, text or Excel workbook), or a robot program "
+                    "and its table of positions together. A robot file (YAML or URDF) and an artefact file (YAML) may "
+                    f"come along. At most {LARGEST_BODY // 1_000_000} MB.",
                     self._uploaded,
                     self._too_large,
                 )
 
     async def _uploaded(self, event: events.MultiUploadEventArguments) -> None:
         self._files = {file.name: file for file in event.files}
+        self._answers.columns.show({})
+        self._asked = False
         await self._read()
 
     async def _read(self) -> None:
@@ -211,13 +216,23 @@ class _UploadPart:
             ui.navigate.to(f"/analyse/{name}")
         except InputError as error:
             self._refused([names_fields(problem) for problem in error.problems])
-            self._answers.ask()
+            await self._ask()
         finally:
             self._busy.set_visibility(False)
             self._upload.reset()
 
+    async def _ask(self) -> None:
+        """Show the fields, and for the first refusal of these files their columns."""
+        if not self._asked:
+            tables = [
+                file for name, file in self._files.items() if not name.lower().endswith((".yaml", ".yml", ".urdf"))
+            ]
+            self._answers.columns.show({file.name: await uploaded_columns(file) for file in tables})
+            self._asked = True
+        self._answers.ask()
+
     def _too_large(self) -> None:
-        cure = "leave rows out, or use the command line: `cellctl fit` reads files of any size"
+        cure = "leave rows out, or fit it on the command line, which reads files of any size"
         self._refused([Problem("upload", 0, 0, f"is larger than {LARGEST_BODY / 1e6:g} MB", cure)])
 
     def _refused(self, problems: list[Problem]) -> None:

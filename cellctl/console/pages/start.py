@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import final
 
@@ -134,6 +135,45 @@ def text_of(value: float | str | bool | None) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+_took: dict[str, float] = {}
+"""How long the latest work of each kind took, s."""
+
+
+@final
+class _Progress:
+    """A bar with the seconds, in proportion to how long this work took the last time; unseen while nothing is done."""
+
+    def __init__(self) -> None:
+        with ui.element("div").classes("run-progress") as self._row:
+            self._bar = ui.linear_progress(0.0, show_value=False).props('instant-feedback aria-label="Progress"')
+            self._text = ui.label()
+        self._row.set_visibility(False)
+        self._timer = ui.timer(0.5, self._show, active=False)
+
+    @contextmanager
+    def of(self, work: str) -> Iterator[None]:
+        """Shown inside this context."""
+        self._began, self._usual = asyncio.get_running_loop().time(), _took.get(work)
+        self._bar.props(
+            "indeterminate" if self._usual is None else "", remove="" if self._usual is None else "indeterminate"
+        )
+        self._row.set_visibility(True)
+        self._timer.activate()
+        try:
+            yield
+            _took[work] = asyncio.get_running_loop().time() - self._began
+        finally:
+            self._timer.deactivate()
+            self._row.set_visibility(False)
+
+    def _show(self) -> None:
+        over = asyncio.get_running_loop().time() - self._began
+        usual = f" of about {self._usual:.0f}" if self._usual and over < self._usual else ""
+        self._text.set_text(f"{over:.0f}{usual} s")
+        if self._usual:
+            self._bar.set_value(min(over / self._usual, 0.98))
+
+
 _CLOCKS = {"": "as the cell file states", "lockstep": "lockstep: as fast as it can", "realtime": "real time"}
 
 
@@ -208,6 +248,7 @@ class _StartPage:
                     self._check = command_button("Check", self._on_check, icon="rule")
                     self._start = command_button("Start the run", self._on_start, icon="play_arrow", important=True)
                 self._working = ui.label().classes("note").props("role=status")
+                self._progress = _Progress()
                 self._commands = Commands()
                 self._result = ui.element("div").classes("section").props("aria-live=polite")
                 self._about()
@@ -253,7 +294,8 @@ class _StartPage:
         self._working.set_text("Checking procedure, cell and parameters …")
         try:
             order = self._order()
-            found = await check(order.procedure, order.cell, order.settings, console().runs)
+            with self._progress.of(f"check of {order.procedure}"):
+                found = await check(order.procedure, order.cell, order.settings, console().runs)
             if order != self._order():
                 return  # the form was changed meanwhile
         except InputError as error:
@@ -291,9 +333,10 @@ class _StartPage:
 
     async def _begin(self, operator: Operator) -> None:
         enable(self._start, False)
-        self._working.set_text("Starting: the run checks again, and connects to its devices …")
+        self._working.set_text("Starting: the run checks once more in its own process, and connects to its devices …")
         try:
-            name = await commands.start(operator, self._order())
+            with self._progress.of(f"start of {self._form.file}"):
+                name = await commands.start(operator, self._order())
         except BaseException:
             self._changed()
             raise
