@@ -328,13 +328,15 @@ def progress_of(now: Snapshot) -> tuple[float, str]:
     if not status.total:
         return 0.0, "The number of steps is not known yet." if now.active else ""
     share = min(1.0, status.done / status.total)
-    left = f" · {_duration(status.left_s)} left" if status.left_s is not None and now.active else ""
+    left = f" · {about(status.left_s)} left" if status.left_s is not None and now.active else ""
     return share, f"{status.done} of {status.total} steps · {100 * status.done // status.total} %{left}"
 
 
-def _duration(seconds: float) -> str:
-    hours, rest = divmod(round(seconds), 3600)
-    minutes, rest = divmod(rest, 60)
-    if hours:
-        return f"{hours} h {minutes:02d} min"
-    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+def about(seconds: float) -> str:
+    """A time that is estimated, no finer than it is known: `about 8 min`, `about 40 s`, `less than 10 s`."""
+    if seconds < 10.0:
+        return "less than 10 s"
+    if seconds < 55.0:
+        return f"about {round(seconds, -1):.0f} s"
+    hours, minutes = divmod(round(seconds / 60.0), 60)
+    return f"about {hours} h {minutes:02d} min" if hours else f"about {minutes} min"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -41,8 +42,48 @@ from cellctl.procedure import (
 
 
 @final
+class PassTimes:
+    """How long passes take, for each loop of the procedure, and the time for those that are left.
+
+    A campaign's loops differ: a touch takes 6 s, a round of a proof a minute. One rate for all would promise too little
+    or too much, and another time whenever a loop ends.
+    """
+
+    def __init__(self) -> None:
+        self._taken: dict[str, tuple[int, float]] = {}
+
+    def add(self, path: str, count: int, seconds: float) -> None:
+        """Passes of the loop at `path` that took `seconds` together; a pause within one counts as `_LONGEST` passes."""
+        kind = _INDEX.sub("", path)
+        known, sum_ = self._taken.get(kind, (0, 0.0))
+        if known >= _FEWEST:
+            seconds = min(seconds, _LONGEST * count * sum_ / known)
+        self._taken[kind] = known + count, sum_ + seconds
+
+    def left_s(self, left: Mapping[str, int], further: int) -> float | None:
+        """Seconds for the passes that are left, by their loop's path, and for `further` ones of loops to come.
+
+        None while too few passes have been seen.
+        """
+        seen = sum(count for count, _ in self._taken.values())
+        to_do = sum(left.values()) + further
+        if not to_do or seen < min(_FEWEST, 0.5 * (seen + to_do)):
+            return None
+        mean = sum(seconds for _, seconds in self._taken.values()) / seen
+        known = {kind: seconds / count for kind, (count, seconds) in self._taken.items()}
+        return further * mean + sum(n * known.get(_INDEX.sub("", path), mean) for path, n in left.items())
+
+
+_INDEX = re.compile(r"\[\d+\]")
+_FEWEST = 3
+"""Passes that show how long one takes."""
+_LONGEST = 5.0
+"""So many times the mean of the passes before one counts at most."""
+
+
+@final
 class Passes:
-    """Passes through all loops of a run: done, total, and the time left at the present rate.
+    """Passes through all loops of a run: done, total, and the time left by what passes of each loop took.
 
     expected: the steps' estimate before the run; raised if the loops have more passes. clock: seconds.
     """
@@ -51,19 +92,29 @@ class Passes:
         self._expected, self._clock = expected, clock
         self._index: dict[str, int] = {}
         self._count: dict[str, int] = {}
-        self._began: tuple[float, int] | None = None
+        self._times = PassTimes()
+        self._since: dict[str, tuple[float, int]] = {}
+        self._began = False
 
     def loop(self, path: str, index: int, count: int) -> None:
         """As `Watcher.loop`; a loop that contains loops is not counted once those have begun."""
         around = path.rpartition("[")[0]
         self._index.pop(around, None)
         self._count.pop(around, None)
+        self._since.pop(around, None)
+        now = self._clock()
+        since, before = self._since.get(path, (now, index))
+        if self._began and index > before:
+            self._times.add(path, index - before, now - since)
+        self._since[path] = now, index
         if not any(inner.startswith(f"{path}[") for inner in self._index):
             self._index[path], self._count[path] = index, count
 
     def step_begins(self) -> None:
         """A step is executed, not skipped as already finished: time counts from the first one."""
-        self._began = self._began or (self._clock(), self.done)
+        if not self._began:
+            self._began = True
+            self._since = {path: (self._clock(), index) for path, (_, index) in self._since.items()}
 
     @property
     def done(self) -> int:
@@ -78,10 +129,8 @@ class Passes:
     @property
     def left_s(self) -> float | None:
         """Seconds for the remaining passes; None if not known yet."""
-        if self._began is None or not self._began[1] < self.done < self.total:
-            return None
-        began, before = self._began
-        return (self._clock() - began) / (self.done - before) * (self.total - self.done)
+        left = {path: self._count[path] - index for path, index in self._index.items()}
+        return self._times.left_s(left, self.total - sum(self._count.values()))
 
 
 @final
@@ -206,6 +255,7 @@ class RunProgress:
                 self._pace.step_begins(step, entry.time_ns)
             case StepEnded(step=step):
                 self._changed(step)
+                self._pace.step_ends(entry.time_ns)
             case _:
                 pass
 
@@ -276,35 +326,69 @@ class _Now:
 @final
 @dataclass(slots=True)
 class _Pace:
-    """The time that a pass of a loop takes in the process that executes the run now."""
+    """The time that passes of loops take in the process that executes the run now."""
 
     begun_ns: int = 0
-    first_ns: int | None = None
-    before: int = 0
+    times: PassTimes = field(default_factory=PassTimes)
+    at: tuple[str, int, int] | None = None
+    ended_ns: int = 0
+    looped: bool = False
+    seen: tuple[float, int] | None = None
+    lockstep: tuple[float, float] = (0.0, 0.0)
 
     def process_begins(self, time_ns: int, tree: StepTree | None) -> None:
         if tree:
             tree.reach()
-        self.begun_ns, self.first_ns, self.before = time_ns, None, tree.passes_done if tree else 0
+        self.begun_ns, self.times, self.at, self.looped = time_ns, PassTimes(), None, False
+        self.seen, self.lockstep = None, (0.0, 0.0)
 
     def step_begins(self, step: str, time_ns: int) -> None:
-        if self.first_ns is None and "[" in step:
-            self.first_ns = time_ns
+        """A pass ends where the next one of its loop begins; the last one of a loop with its last step."""
+        loop, _, rest = step.rpartition("[")
+        index = int(rest.partition("]")[0]) if loop else -1
+        if self.at and self.at[:2] != (loop, index):
+            before, first, since_ns = self.at
+            if before == loop:
+                self.times.add(loop, index - first, (self.ended_ns - since_ns) * 1e-9)
+            elif not loop.startswith(f"{before}["):
+                self.times.add(before, 1, (self.ended_ns - since_ns) * 1e-9)
+            self.at = None
+        if loop and self.at is None:
+            self.at = loop, index, self.ended_ns if self.looped else time_ns
+            self.looped = True
+
+    def step_ends(self, time_ns: int) -> None:
+        self.ended_ns = time_ns
 
     def left_s(self, state: RunState, tree: StepTree, expected: int) -> float | None:
         """The wall time left, s, as `cellctl run` shows it; None if it is not known yet. `expected`: see `Passes`."""
         tree.reach()
-        done, total = tree.passes_done, max(expected, tree.passes_total)
-        if self.first_ns is None or not self.before < done < total:
-            return None
-        each = (state.last_ns - self.first_ns) * 1e-9 / (done - self.before)
-        return each * (total - done) * self._wall_seconds_each(state)
+        left = self.times.left_s(tree.passes_left(), max(expected - tree.passes_total, 0))
+        return None if left is None else left * self._wall_seconds_each(state)
 
     def _wall_seconds_each(self, state: RunState) -> float:
-        """Wall time for a second of the cell's time: 1, except in lockstep."""
+        """Wall time for a second of the cell's time: 1, except in lockstep.
+
+        There it is that of the passes that this process has seen, else that of the whole run: planning takes minutes,
+        and no time of the cell.
+        """
         assert state.started is not None
         seconds = (state.last_ns - self.begun_ns) * 1e-9
         if state.started.clock != "lockstep" or seconds <= 0.0:
             return 1.0
-        since, now = (datetime.fromisoformat(text) for text in (state.calendar, calendar_time()))
-        return (now - since).total_seconds() / seconds
+        now = time.monotonic()
+        if self.seen and state.last_ns > self.seen[1]:
+            wall, cell = self.lockstep
+            self.lockstep = wall + min(now - self.seen[0], _MOST_S), cell + (state.last_ns - self.seen[1]) * 1e-9
+        if self.seen is None or state.last_ns > self.seen[1]:
+            self.seen = now, state.last_ns
+        if self.lockstep[0] >= _ENOUGH_S:
+            return self.lockstep[0] / self.lockstep[1]
+        since, now_ = (datetime.fromisoformat(text) for text in (state.calendar, calendar_time()))
+        return (now_ - since).total_seconds() / seconds
+
+
+_ENOUGH_S = 5.0
+"""Wall time that shows how fast a cell in lockstep is."""
+_MOST_S = 5.0
+"""Between two looks, more wall time is that of a pause or of a computation."""

@@ -335,6 +335,11 @@ class StepTree:
         """Steps known so far, without clean-up."""
         return self._steps.total
 
+    def passes_left(self) -> dict[str, int]:
+        """The passes to come of each loop whose passes count, by its path."""
+        counted = (part for part in self._loops.values() if part.counted and part.values is not None)
+        return {part.path: len(part.values or ()) - part.passes_done for part in counted}
+
     def changed(self, path: str) -> None:
         """The latest attempt of the step at `path` has changed. A step of a loop not known yet is placed later."""
         around, _, rest = path.rpartition("[")

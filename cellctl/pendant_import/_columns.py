@@ -9,10 +9,13 @@ from pathlib import Path
 from typing import final
 
 from cellctl.files import InputError
-from cellctl.pendant_import._points import read_text
+from cellctl.pendant_import._points import lines_of, read_text
 from cellctl.pendant_import._typed_table import cells_of, heading
 
 _SAMPLES = 3
+_LINES = 200
+"""Of a table, the first lines: they have the headings, and enough rows to find the separator."""
+
 _FEWEST_JOINTS = 4
 _OF_A_JOINT = re.compile(r"joint|axis|achse|gelenk|\bj\d", re.IGNORECASE)
 _OF_A_MEASUREMENT = ("temperature", "payload", "session", "set")
@@ -35,7 +38,7 @@ class FileColumn:
 def columns_of(path: Path) -> tuple[FileColumn, ...]:
     """The columns of a table with headings; none for a robot program, or a file that is no such table."""
     try:
-        table = cells_of(read_text(path), str(path))
+        table = cells_of("\n".join(lines_of(read_text(path))[:_LINES]), str(path))
     except InputError:
         return ()
     for place, row in enumerate(table.rows):

@@ -38,9 +38,24 @@ def test_passes_that_a_resumed_run_skips_do_not_make_the_others_look_short():
     passes = Passes(20, lambda: now[0])
     passes.loop("points", 10, 20)
     passes.step_begins()
-    now[0] = 8.0
-    passes.loop("points", 12, 20)
-    assert passes.left_s == 32.0
+    now[0] = 16.0
+    passes.loop("points", 14, 20)
+    assert passes.left_s == 24.0
+
+
+def test_the_time_left_is_by_what_passes_of_each_loop_take_and_a_pause_does_not_stretch_it():
+    now = [0.0]
+    passes = Passes(25, lambda: now[0])
+    passes.loop("touches", 0, 20)
+    passes.step_begins()
+    for done in range(1, 21):
+        now[0] += 6.0 if done != 10 else 1806.0
+        passes.loop("touches", done, 20)
+    assert 5 * 6.0 <= passes.left_s <= 5 * 8.0
+    passes.loop("rounds", 0, 5)
+    now[0] += 60.0
+    passes.loop("rounds", 1, 5)
+    assert passes.left_s == 4 * 60.0
 
 
 def test_the_shipped_campaign_says_how_much_there_is_to_do_in_readable_phases():
