@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -22,11 +22,13 @@ from cellctl.installed import shipped_file
 from cellctl.journal import OperatorAction, writer_of
 from cellctl.operations.cell_state import examine_cell
 from cellctl.operations.export import Form
+from cellctl.operations.presets import delete_preset, keep_preset
 from cellctl.operations.results import Failure, as_json, from_json
 from cellctl.operations.run_control import RunOrder, act, resume_detached, start_detached
 from cellctl.operations.run_folder import SIMULATOR_MEMORY, run_named
 from cellctl.operations.run_indexing import summary_of
 from cellctl.operations.run_list import RunSummary
+from cellctl.operations.run_notes import Note, add_note
 from cellctl.operations.table_actions import Action, TableLook, TableRequest, refuse_confirmation
 from cellctl.run_index import RunFilter, RunIndex
 
@@ -132,6 +134,28 @@ async def retry(operator: Operator, run: Path, *, acknowledged: bool) -> None:
         await resume_detached(run, operator.name, acknowledged=acknowledged)
 
     await console().command(operator, "retry", run.name, work, acknowledged=acknowledged)
+
+
+async def note(operator: Operator, run: Path, text: str) -> Note:
+    """Note `text` on a run. Raises InputError, OSError."""
+
+    async def work() -> Note:
+        return await asyncio.to_thread(add_note, run, operator, text)
+
+    return await console().command(operator, "note", run.name, work)
+
+
+async def change_presets(operator: Operator, procedure: str, name: str, settings: Mapping[str, str] | None) -> None:
+    """Keep `settings` as the preset `name` of a procedure; None: delete it. Raises InputError, OSError."""
+
+    async def work() -> None:
+        if settings is None:
+            await asyncio.to_thread(delete_preset, console().runs, procedure, name)
+        else:
+            await asyncio.to_thread(keep_preset, console().runs, procedure, name, settings, operator.name)
+
+    what = "delete preset" if settings is None else "keep preset"
+    await console().command(operator, what, procedure, work, preset=name, settings=dict(settings or {}))
 
 
 async def examine(operator: Operator, cell: Path) -> None:

@@ -78,6 +78,7 @@ _WORDS = {
     "dataset.csv": "measurements of the fit and the held-out ones",
     FILE_NAME: "the record of the run",
     "model.json": "the identified robot",
+    "notes.jsonl": "notes of people on the run",
     "output.txt": "what the run printed",
     "report.html": "calibration report",
     "simulated_cell.json": "memory of the simulated controller",

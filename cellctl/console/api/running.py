@@ -19,6 +19,7 @@ from cellctl.files import InputError
 from cellctl.journal import OperatorAction
 from cellctl.operations.run_control import question_of
 from cellctl.operations.run_list import RunEnd
+from cellctl.operations.run_notes import LONGEST, Note, notes_of
 
 router = APIRouter(prefix="/api/runs/{name}", tags=["run"])
 
@@ -147,6 +148,24 @@ async def retry(name: RunName, how: Retry, operator: Commander) -> Done:
     """Continue a run that ended early at the step that it did not finish, in a process of its own."""
     await _now(commands.retry(operator, _folder(name), acknowledged=how.acknowledged))
     return Done(run=name, action="retry", operator=operator.name)
+
+
+class NoteText(BaseModel):
+    """What a person notes on a run."""
+
+    text: Annotated[str, StringConstraints(min_length=1, max_length=LONGEST)]
+
+
+@router.get("/notes", responses=READS)
+async def notes(name: RunName) -> list[Note]:
+    """The notes of people on the run, the oldest first."""
+    return await asyncio.to_thread(notes_of, _folder(name))
+
+
+@router.post("/notes", responses=COMMANDS)
+async def note(name: RunName, text: NoteText, operator: Commander) -> Note:
+    """Note something on the run; it is kept beside the journal, with person and time."""
+    return await _now(commands.note(operator, _folder(name), text.text))
 
 
 def status_out(found: Snapshot) -> StatusOut:

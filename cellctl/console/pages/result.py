@@ -26,6 +26,7 @@ from cellctl.console.appearance import (
 )
 from cellctl.console.commands import recompute
 from cellctl.console.frame import JobView, frame, not_there, with_operator
+from cellctl.console.pages.run_parts import RunNotes
 from cellctl.console.shared import console
 from cellctl.engine import Operator
 from cellctl.files import InputError
@@ -62,6 +63,7 @@ async def result(name: str) -> None:
         with ui.element("div").classes("columns"):
             _facts(row)
             _errors(row)
+        RunNotes(place)
         _Files(place, files)
         _Replay(place)
         _Report(place, any(file.name == _REPORT for file in files))

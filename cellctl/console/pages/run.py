@@ -24,7 +24,7 @@ from cellctl.console.appearance import (
 from cellctl.console.commands import found_rows
 from cellctl.console.frame import follow, frame, not_there, set_text
 from cellctl.console.live import Snapshot
-from cellctl.console.pages.run_parts import RunControls, RunLog, RunTree
+from cellctl.console.pages.run_parts import RunControls, RunLog, RunNotes, RunTree
 from cellctl.console.scene import SceneContent, Series, scene_of, series_of
 from cellctl.console.scene.charts import ChartsView, charts_view
 from cellctl.console.scene.view import SceneView, scene_view
@@ -183,6 +183,7 @@ class _RunPage:
         with section("Log"):
             self._log = RunLog(snapshot)
         self._facts(snapshot)
+        RunNotes(snapshot.folder)
         self.show()
 
     def show(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import final
 from urllib.parse import quote
 
@@ -19,6 +20,7 @@ from cellctl.console.appearance import (
     is_pausing,
     link_button,
     local_zone,
+    section,
     shown_time,
 )
 from cellctl.console.frame import Commands, answer_of, enable, set_text
@@ -27,6 +29,7 @@ from cellctl.engine import ActionName, Operator
 from cellctl.engine.step_tree import Node, NodeKind, NodeState
 from cellctl.journal import JournalError
 from cellctl.operations.run_control import question_of
+from cellctl.operations.run_notes import LONGEST, notes_of
 
 _NO_SAFETY_STOP = (
     "This is no safety stop: the step in progress is cancelled, the robot brakes, and the clean-up steps follow. "
@@ -118,6 +121,35 @@ class RunControls:
     async def _resume_run(self, operator: Operator, *, acknowledged: bool) -> None:
         ui.notify("Continuing: the run checks again, and connects to its devices …")
         await commands.retry(operator, self._folder, acknowledged=acknowledged)
+
+
+@final
+class RunNotes:
+    """Notes of people on a run, and a field for another one."""
+
+    def __init__(self, run_folder: Path) -> None:
+        self._folder = run_folder
+        with section("Notes", note="Kept beside the journal, with person and time."):
+            self._shown()
+            with ui.element("div").classes("row search no-print"):
+                self._text = ui.input("Note").props(f"outlined dense autogrow maxlength={LONGEST}").classes("grow")
+                command_button("Add the note", self._add, icon="note_add")
+            self._commands = Commands()
+
+    @ui.refreshable_method
+    def _shown(self) -> None:
+        for note in notes_of(self._folder):
+            with ui.element("div"):
+                ui.label(f"{shown_time(note.time)}, {note.operator}").classes("note")
+                ui.label(note.text).style("white-space: pre-line; overflow-wrap: anywhere")
+
+    async def _add(self) -> None:
+        async def add(operator: Operator) -> None:
+            await commands.note(operator, self._folder, self._text.value or "")
+            self._text.set_value("")
+            self._shown.refresh()
+
+        await self._commands.give(add)
 
 
 def is_simulated(now: Snapshot) -> bool:

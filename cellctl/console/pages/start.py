@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import final
+from urllib.parse import quote
 
 from nicegui import ui
 
 from cellctl.console import commands
-from cellctl.console.appearance import command_button, facts, problem_list, section, state_word
+from cellctl.console.appearance import command_button, facts, problem_list, section, shown_time, state_word
 from cellctl.console.frame import Commands, answer_of, enable, frame
 from cellctl.console.shared import console
 from cellctl.devices.cell import ClockMode
@@ -29,6 +30,7 @@ from cellctl.operations.checking import (
     missing_devices,
     setting_problem,
 )
+from cellctl.operations.presets import presets_of
 from cellctl.operations.run_control import RunOrder
 from cellctl.procedure import Parameter, ParameterType, Procedure, load_procedure
 from cellctl.procedure.registry import BrokenSteps
@@ -40,9 +42,11 @@ _KEYBOARDS = {ParameterType.INTEGER: "numeric", ParameterType.NUMBER: "decimal"}
 class ParameterFields:
     """A row for each parameter. `changed` is called after each change."""
 
-    def __init__(self, form: ProcedureForm, procedure: Procedure, changed: Callable[[], None]) -> None:
+    def __init__(
+        self, form: ProcedureForm, procedure: Procedure, changed: Callable[[], None], given: Mapping[str, str]
+    ) -> None:
         self._procedure, self._changed = procedure, changed
-        self._given: dict[str, str] = {}
+        self._given = {name: text for name, text in given.items() if name in form.parameters}
         self._wrong: set[str] = set()
         if not form.parameters:
             ui.label("This procedure has no parameters.")
@@ -60,6 +64,10 @@ class ParameterFields:
     def valid(self) -> bool:
         """Whether each value has its type and is within its limits."""
         return not self._wrong
+
+    def given(self) -> dict[str, str]:
+        """Each value that was given, by its parameter."""
+        return dict(self._given)
 
     def settings(self) -> list[str]:
         """`name=value` of each value that was given."""
@@ -80,19 +88,24 @@ class ParameterFields:
     def _field(self, parameter: Parameter) -> None:
         name, default = parameter.name, parameter.default
         label = f'aria-label="{name}"'
+        now = self._given.get(name, text_of(default))
+        if self._error(parameter, now):
+            self._wrong.add(name)
         if parameter.type is ParameterType.FLAG:
             box = ui.checkbox(
-                value=bool(default), on_change=lambda event: self._set(parameter, str(event.value).lower())
+                value=now == "true", on_change=lambda event: self._set(parameter, str(event.value).lower())
             )
             box.props(f"dense {label}")
         elif parameter.choices:
             chosen = ui.select(
-                list(parameter.choices), value=default, on_change=lambda event: self._set(parameter, event.value or "")
+                list(parameter.choices),
+                value=self._given.get(name, default),
+                on_change=lambda event: self._set(parameter, event.value or ""),
             )
             chosen.props(f"outlined dense options-dense {label}")
         else:
             field = ui.input(
-                value=text_of(default),
+                value=now,
                 placeholder="required" if default is None else text_of(default),
                 on_change=lambda event: self._set(parameter, event.value or ""),
                 validation=lambda text: self._error(parameter, text),
@@ -178,8 +191,11 @@ _CLOCKS = {"": "as the cell file states", "lockstep": "lockstep: as fast as it c
 
 
 @ui.page("/start", response_timeout=30.0)
-async def start(procedure: str = "", cell: str = "") -> None:
-    """The form for a procedure and a cell; default: one for the console's cell, and that or the procedure's own."""
+async def start(procedure: str = "", cell: str = "", preset: str = "") -> None:
+    """The form for a procedure and a cell, filled in by a preset.
+
+    Default: a procedure for the console's cell, and that cell or the procedure's own.
+    """
     procedures = await asyncio.to_thread(choices, "procedure")
     cells = await asyncio.to_thread(choices, "cell", console().settings.cell)
     given = console().settings.cell
@@ -196,7 +212,7 @@ async def start(procedure: str = "", cell: str = "") -> None:
         named = cell in cells
         place, missing = await asyncio.to_thread(_first_fitting, form.file, [cells[name] for name in offered], named)
         _selects(procedures, cells, chosen, place.name)
-        _StartPage(form, place, missing)
+        _StartPage(form, place, missing, preset)
 
 
 def _first_fitting(procedure: Path, cells: Sequence[FileChoice], named: bool) -> tuple[FileChoice, tuple[str, ...]]:
@@ -236,11 +252,12 @@ def _kind(cell: FileChoice) -> str:
 class _StartPage:
     """The form below the choice of procedure and cell. A run can be started once its check found no error."""
 
-    def __init__(self, form: ProcedureForm, cell: FileChoice, missing: Sequence[str]) -> None:
+    def __init__(self, form: ProcedureForm, cell: FileChoice, missing: Sequence[str], preset: str) -> None:
         self._form, self._cell, self._missing = form, cell, missing
         with ui.element("div").classes("start-columns"):
             with section("Parameters", note="Empty or unchanged fields keep the default."):
-                self._fields = ParameterFields(form, load_procedure(form.file), self._changed)
+                given = self._presets(preset)
+                self._fields = ParameterFields(form, load_procedure(form.file), self._changed, given)
                 self._further()
             with section("Check and start").classes("start-part"):
                 self._cautions()
@@ -261,6 +278,52 @@ class _StartPage:
             self._clock = ui.select(_CLOCKS, value="", label="Time of a simulated cell", on_change=self._changed)
             self._clock.props("outlined dense options-dense").style("min-width: 16rem")
             self._clock.set_enabled(bool(self._cell.simulated))
+
+    def _presets(self, chosen: str) -> Mapping[str, str]:
+        """The choice of a preset, and keeping one; the settings of the chosen one."""
+        name, place = (
+            self._form.file.stem,
+            f"/start?procedure={quote(self._form.file.stem)}&cell={quote(self._cell.name)}",
+        )
+        refused = ui.element("div").classes("when-filled")
+        try:
+            known = presets_of(console().runs, name)
+        except InputError as error:
+            known = {}
+            with refused:
+                problem_list(error.problems)
+        commands_ = Commands()
+
+        async def change(title: str, settings: Mapping[str, str] | None) -> None:
+            async def work(operator: Operator) -> None:
+                await commands.change_presets(operator, name, title, settings)
+                ui.navigate.to(place if settings is None else f"{place}&preset={quote(' '.join(title.split()))}")
+
+            await commands_.give(work)
+
+        async def keep() -> None:
+            with ui.dialog() as dialog, ui.card():
+                ui.label("Keep these parameters as a preset").classes("section-title")
+                title = ui.input("Name", value=chosen).props("outlined dense autofocus").classes("wide")
+                with ui.element("div").classes("row"):
+                    command_button("Keep", lambda: dialog.submit(True), important=True)
+                    command_button("Cancel", lambda: dialog.submit(False))
+            if await answer_of(dialog):
+                await change(title.value or "", self._fields.given())
+
+        with ui.element("div").classes("row"):
+            options = {"": "none: the procedure's defaults", **{each: each for each in known}}
+            choice = ui.select(options, value=chosen if chosen in known else "", label="Preset")
+            choice.on_value_change(
+                lambda event: ui.navigate.to(f"{place}&preset={quote(event.value)}" if event.value else place)
+            )
+            choice.props("outlined dense options-dense").style("min-width: 16rem")
+            command_button("Keep as preset …", keep, icon="bookmark_add")
+            if chosen in known:
+                command_button("Delete preset", lambda: change(chosen, None), icon="delete")
+        if chosen in known:
+            ui.label(f"Kept by {known[chosen].operator}, {shown_time(known[chosen].time)}.").classes("note")
+        return known[chosen].settings if chosen in known else {}
 
     def _about(self) -> None:
         form, cell = self._form, self._cell
