@@ -25,7 +25,7 @@ from cellctl.operations.pace import TELLING, continued
 from cellctl.operations.programs import LeftPlace, PathFigures
 from cellctl.operations.results import ABORTED, MEANINGS, Failure, as_json, from_json
 from cellctl.operations.robot_suggestion import Suggestions, doubt_of, suggest_robots
-from cellctl.operations.understanding import Understood, read_data, understand
+from cellctl.operations.understanding import Candidate, Understood, candidate_of, read_data, understand
 from cellctl.pendant_import import choices
 
 Role: TypeAlias = Literal["data", "positions", "robot", "artefact"]
@@ -46,6 +46,8 @@ RESULTS = {MODEL: "model", REPORT: "report", URDF: "URDF", FIT: "figures (JSON)"
 """Files of a fit that can be downloaded, with what they are."""
 
 _LONGEST_NAME = 80
+_CANDIDATES = 3
+"""Robots whose set-up check is tried where none of the library agrees; each takes seconds."""
 
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss"})
 _FOLDER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,199}")
@@ -219,11 +221,15 @@ class AnalysisState(Analysis):
 @final
 @dataclass(frozen=True)
 class Understanding:
-    """What the data of an analysis are understood as. doubt: why they are hardly of the robot, empty without one."""
+    """What the data of an analysis are understood as. doubt: why they are hardly of the robot, empty without one.
+
+    candidate: without a robot that agrees, one of the library that does once a set-up error is corrected.
+    """
 
     data: Understood
     doubt: str
     suggestions: Suggestions | None
+    candidate: Candidate | None = None
 
 
 def safe_name(name: str, default: str = "file") -> str:
@@ -300,6 +306,7 @@ def understanding(folder: Path) -> Understanding | None:
         from_json(Understood, content),
         content.get("doubt", ""),
         from_json(Suggestions, suggestions) if suggestions else None,
+        from_json(Candidate, content["candidate"]) if content.get("candidate") else None,
     )
 
 
@@ -345,7 +352,16 @@ def understand_analysis(folder: Path, progress: Progress = silent) -> dict[str, 
         doubt = ""
         if record.robot and not found.problems:
             doubt = doubt_of(RobotFile.load(Path(record.robot)), given.data, artefact)
-        result = {**as_json(found), "doubt": doubt, "suggestions": suggestions}
+        candidate = None
+        if not record.robot and not found.problems:
+            best = [each["name"] for each in suggestions["robots"][:_CANDIDATES]]
+            candidate = candidate_of(given, {name: shipped("robot")[name] for name in best}, record.asked(), progress)
+        result = {
+            **as_json(found),
+            "doubt": doubt,
+            "suggestions": suggestions,
+            "candidate": as_json(candidate) if candidate else None,
+        }
         write_json(Path(UNDERSTOOD), result)
     return result
 

@@ -80,7 +80,7 @@ class Suggestions:
 def suggest_robots(data: DataSet, artefact: Artefact | None = None, tool: Tool | None = None) -> Suggestions:
     """The robots of the library, ranked by how well they agree with a sample of the rows; tool: what they carry."""
     joints, _ = joints_of(data)
-    sample = _sample(data)
+    sample = sample_of(data)
     carried = {"tool": tool} if tool else {}
     alike = [(each.name, each.robot.model_copy(update=carried)) for each in robots() if each.robot.n == joints]
     tried = [_tried(name, robot, sample, artefact) for name, robot in alike]
@@ -90,7 +90,7 @@ def suggest_robots(data: DataSet, artefact: Artefact | None = None, tool: Tool |
 
 def nearer_robots(robot: RobotFile, data: DataSet, artefact: Artefact | None = None) -> Suggestions | None:
     """The robots of the library with the tool of `robot`; None where the best of them is not clearly nearer."""
-    given = _tried("", robot, _sample(data), artefact)
+    given = _tried("", robot, sample_of(data), artefact)
     found = suggest_robots(data, artefact, robot.tool)
     if given is None or found.certainty == "none" or _size(given) < NEARER * _size(found.robots[0]):
         return None
@@ -102,7 +102,7 @@ def doubt_of(robot: RobotFile, data: DataSet, artefact: Artefact | None = None) 
 
     The set-up check lets a fit begin whose result is far from the robot file: here a person can still choose another.
     """
-    found = _tried("", robot, _sample(data), artefact)
+    found = _tried("", robot, sample_of(data), artefact)
     if found is None or found.plausible or found.rms_mm is None:
         return ""
     return (
@@ -123,9 +123,10 @@ def _size(one: Suggestion) -> float:
     return float("inf") if one.rms_mm is None else one.rms_mm
 
 
-def _sample(data: DataSet) -> DataSet:
-    step = max(len(data) / ROWS, 1.0)
-    rows = sorted({int(number * step) for number in range(min(ROWS, len(data)))})
+def sample_of(data: DataSet, most: int = ROWS) -> DataSet:
+    """At most so many rows, evenly spread."""
+    step = max(len(data) / most, 1.0)
+    rows = sorted({int(number * step) for number in range(min(most, len(data)))})
     return replace(
         data, cells=tuple(data.cells[row] for row in rows), lines=tuple(data.lines[row] for row in rows), rejected=()
     )

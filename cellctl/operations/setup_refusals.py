@@ -56,11 +56,7 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
     found = check_setup(measured.task, measured.robot.joint_map(), measured.readings, progress)
     if found.left_out:
         progress(f"set-up errors, without {' and '.join(found.left_out)}, which this check cannot judge", 0.9)
-    problems = [
-        _problem(files, measured, error, change, _others(found.errors, error))
-        for error in found.errors
-        for change in error.changes
-    ]
+    problems = _problems(files, measured, found.errors)
     if found.wide_fit:
         problems = _another_robot(files, measured, found.wide_fit)
     if not problems:
@@ -68,6 +64,19 @@ def refuse_setup_errors(measured: Measurements, files: SetupFiles, note: str, pr
         problems = [_spacing(each, files.artefact, _cure(each, several=len(spacings) > 1)) for each in spacings]
     if problems:
         raise InputError(problems, note)
+
+
+def setup_errors(measured: Measurements, files: SetupFiles, progress: Progress = silent) -> list[Problem]:
+    """The set-up errors that explain `measured` by this robot file; none where no error of a set-up does."""
+    return _problems(
+        files, measured, check_setup(measured.task, measured.robot.joint_map(), measured.readings, progress).errors
+    )
+
+
+def _problems(files: SetupFiles, measured: Measurements, errors: tuple[SetupError, ...]) -> list[Problem]:
+    return [
+        _problem(files, measured, error, change, _others(errors, error)) for error in errors for change in error.changes
+    ]
 
 
 def _another_robot(files: SetupFiles, measured: Measurements, fit: WideFit) -> list[Problem]:

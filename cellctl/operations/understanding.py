@@ -18,7 +18,8 @@ from cellctl.formats.measurements.columns import PLACE, has_own_sigma
 from cellctl.formats.measurements.kinds import KINDS, Kind, kinds_of
 from cellctl.operations.fit_options import Asked
 from cellctl.operations.fitting import NO_CHECK, FitInput, measured_rows, robot_of
-from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
+from cellctl.operations.robot_suggestion import sample_of
+from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors, setup_errors
 from cellctl.pendant_import import Choices, imported
 
 _CONDITIONS = {"temperature": "temperature", "payload": "payload", "I1": "motor currents"}
@@ -131,6 +132,42 @@ def understand(given: DataFile, robot: Path | None, asked: Asked, progress: Prog
         return _of_fit(named, input_, asked, progress)
     except InputError as error:
         return replace(named, usable=0, problems=tuple(error.problems), note=error.note)
+
+
+_CANDIDATE_ROWS = 40
+"""Rows with which a robot is tried: 1 s for the right one, 6 s for another; all rows take minutes."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A robot of the library that the rows can be of once these set-up errors are corrected."""
+
+    name: str
+    robot: str
+    problems: tuple[Problem, ...]
+
+
+def candidate_of(
+    given: DataFile, robots: Mapping[str, Path], asked: Asked, progress: Progress = silent
+) -> Candidate | None:
+    """The first of these robots, by name, whose set-up check finds errors that explain the rows; None without one.
+
+    Raises InputError for a wrong artefact.
+    """
+    artefact = load_artefact(asked.artefact) if asked.artefact else None
+    few = sample_of(given.data, _CANDIDATE_ROWS)
+    for number, (name, file) in enumerate(robots.items()):
+        progress(f"set-up check with {name}", 0.6 + 0.4 * number / len(robots))
+        document, robot_file = robot_of(file)
+        try:
+            measured = measured_rows(FitInput(document, robot_file, few, artefact), asked)
+            problems = setup_errors(measured, SetupFiles(document, Path(given.data.file), asked.artefact))
+        except InputError:  # too few rows can be of this robot
+            continue
+        if problems:
+            return Candidate(name, robot_file.name, tuple(problems))
+    return None
 
 
 def _plain(given: DataFile) -> Understood:

@@ -144,6 +144,23 @@ def test_a_program_is_compensated_with_its_deviations_and_the_original_is_kept(w
 
 
 @pytest.mark.long
+def test_a_set_up_error_is_found_with_the_best_robots_where_none_agrees_as_it_is(tmp_path: Path) -> None:
+    heading, *rows = analyses.EXAMPLE.read_text().splitlines()
+    place = heading.split(",").index("A6")
+    cells = [row.split(",") for row in rows]
+    reversed_ = [[f"{-float(cell)}" if at == place else cell for at, cell in enumerate(row)] for row in cells]
+    folder, record = analyses.new_analysis(tmp_path, "me", "reversed.csv")
+    (folder / record.data).write_text("\n".join([heading, *map(",".join, reversed_)]) + "\n")
+    analyses.understand_analysis(folder)
+    found = analyses.understanding(folder)
+    assert found is not None
+    assert analyses.Analysis.load(folder).robot == ""
+    assert found.candidate is not None
+    assert found.candidate.name == "kr5_r1400"
+    assert any(problem.what.startswith("A6 reversed: RMS") for problem in found.candidate.problems)
+
+
+@pytest.mark.long
 def test_another_robot_is_doubted_with_figures_before_the_fit(tmp_path: Path) -> None:
     folder, record = analyses.new_analysis(tmp_path, "Ada", "positions.csv")
     shutil.copy(INPUTS / "positions.csv", folder / record.data)

@@ -114,6 +114,9 @@ def understood(found: Understanding | None) -> None:
             problem_list(data.problems)
             if data.note:
                 ui.label(data.note).classes("note")
+        if found.candidate:
+            state_word("warning", f"If it is a {found.candidate.robot}:").label.style("white-space: normal")
+            problem_list(found.candidate.problems)
         _listed("How the files were read", data.decided)
         rejected = [f"{row.get('file', data.file)}:{row['line']}: {row['reason']}" for row in data.rejected]
         _listed(f"Rows that cannot be used: {len(rejected)}", rejected)
