@@ -264,7 +264,10 @@ def look_of_verdict(word: object, other: State = "unknown") -> State:
 
 def shown_time(utc: object, form: str = "%Y-%m-%d %H:%M %Z") -> str:
     """`2026-11-21 20:24 CET`: the local time of the console's computer, from UTC, ISO 8601; a dash without it."""
-    return f"{datetime.fromisoformat(str(utc)).astimezone():{form}}" if utc else "–"
+    try:
+        return f"{datetime.fromisoformat(str(utc)).astimezone():{form}}" if utc else "–"
+    except ValueError:  # what another program wrote
+        return str(utc)
 
 
 def local_zone() -> str:

@@ -202,7 +202,7 @@ class LogLines:
 
     def of(self, entry: Entry) -> LogLine | None:
         """The line for an event; None for events that the log leaves out, such as measured rows."""
-        calendar = str(getattr(entry.event, "calendar", ""))
+        calendar = _iso(str(getattr(entry.event, "calendar", "")))
         if isinstance(entry.event, RunStarted | RunResumed) and calendar:
             realtime = getattr(entry.event, "clock", "realtime" if self._began else "") == "realtime"
             self._began = (datetime.fromisoformat(calendar), entry.time_ns) if realtime else None
@@ -213,6 +213,14 @@ class LogLines:
             since = timedelta(microseconds=(entry.time_ns - self._began[1]) / 1000)
             calendar = (self._began[0] + since).isoformat()
         return replace(line, clock=calendar)
+
+
+def _iso(text: str) -> str:
+    """`text` if it is a time; empty for what another program wrote."""
+    try:
+        return datetime.fromisoformat(text).isoformat()
+    except ValueError:
+        return ""
 
 
 def _log_line(entry: Entry) -> LogLine | None:
