@@ -59,12 +59,13 @@ class Scanner:
         self._index, self._runs = index, str(runs)
         self._changed_ns, self._sure = 0, False
         self._listed: dict[str, None] = {}
+        self._names = ""
         self._kept = ("", "")
 
     def look(self, *, thorough: bool = False, but: Collection[str] = ()) -> Changes:
         """What has changed; `but`: runs to leave out. A folder that is missing or cannot be read has no runs."""
         listed = self._list()
-        names = blake2b("\0".join(listed).encode(errors="surrogateescape"), digest_size=16).hexdigest()
+        names = self._names
         unread: dict[str, None] = {}
         gone: list[str] = []
         if thorough or self._index.folders() != (names, len(listed)):
@@ -72,7 +73,8 @@ class Scanner:
             gone = [run for run, (_, present) in known.items() if present and run not in listed]
             for name in listed:
                 before, present = known.get(name, ("", False))
-                if not present or (thorough and not before.startswith(_stamp(f"{self._runs}/{name}/{FILE_NAME}"))):
+                journal, _, _ = before.partition(" ")
+                if not present or (thorough and journal != _stamp(f"{self._runs}/{name}/{FILE_NAME}")):
                     unread[name] = None
         unread |= dict.fromkeys(self._unsettled(listed))
         wanted = [name for name in unread if name not in but]
@@ -95,9 +97,11 @@ class Scanner:
             if changed != before or not self._sure:
                 with os.scandir(self._runs) as found:
                     self._listed = dict.fromkeys(sorted(each.name for each in found if each.is_dir()))
+                told = "\0".join(self._listed).encode(errors="surrogateescape")
+                self._names = blake2b(told, digest_size=16).hexdigest()
                 self._changed_ns, self._sure = changed, changed == before
         except OSError:
-            self._listed, self._changed_ns = {}, 0
+            self._listed, self._names, self._changed_ns = {}, "", 0
         return self._listed
 
     def _unsettled(self, listed: Collection[str]) -> Iterator[str]:

@@ -22,7 +22,14 @@ from cellctl.cli.verbs import app
 from cellctl.files import InputError
 from cellctl.operations import run_list
 from cellctl.operations.launch import tell_index
-from cellctl.operations.run_indexing import current_index, rebuild_index, run_rows, tell_existing_index, verify_index
+from cellctl.operations.run_indexing import (
+    current_index,
+    rebuild_index,
+    run_rows,
+    tell_existing_index,
+    update,
+    verify_index,
+)
 from cellctl.run_index import FILE_NAME, VARIABLE, RunFilter, opened_index
 from tests.helpers.engine import WrittenRun
 from tests.helpers.many_runs import made_check, made_runs, not_durable
@@ -118,6 +125,10 @@ def test_a_damaged_run_is_listed_as_unreadable_and_a_repaired_one_as_it_is(runs:
     assert states(runs)[name][0] == "unreadable"
     journal.write_bytes(whole)
     assert states(runs)[name][0] == "finished"
+    journal.unlink()
+    with opened_index(runs) as index:
+        update(index, runs, thorough=True)
+        assert name not in [found.run for found in index.page(RunFilter(state="finished"))]
 
 
 def test_an_index_moves_with_its_folder(runs: Path, read: list[str], tmp_path: Path) -> None:

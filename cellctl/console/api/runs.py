@@ -178,7 +178,7 @@ def _add(history: History) -> None:
     async def compared(
         baseline_runs: Annotated[int | None, Query(ge=2, le=1000, description="Number of the first checks")] = None,
         offset: _Offset = 0,
-        limit: Annotated[int, Query(ge=1, le=100, description="Number of histories at most")] = 2,
+        limit: Annotated[int, Query(ge=1, le=100, description="Number of histories at most")] = 1,
     ) -> dict[str, Any]:
         return await indexed(
             lambda index: history_page(index, history, baseline_runs, offset=offset, limit=limit).to_json()
