@@ -55,7 +55,7 @@ def test_u_of_the_maximum_covers_the_greatest_true_error_of_the_places():
 def test_a_part_that_all_errors_share_is_not_reduced_by_more_places():
     random = np.random.default_rng(13)
     for measurand in ("mean", "quantile_95"):
-        found = figure(measurand, space(random, 4000), shared=0.3)
+        found = figure(measurand, space(random, 1000), shared=0.3)
         assert found.standard_mm == pytest.approx(0.3, rel=0.02)
         assert found.factor == pytest.approx(1.96, abs=0.01)
 

@@ -1,6 +1,8 @@
 """The acceptance of a run by the criteria of its cell file: in the report, in the run's figures, in its folder."""
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,8 +59,16 @@ def test_other_measurands_and_guard_bands(make_run, campaign, measurand, reason)
     assert found.word == ("no decision" if measurand == "quantile_95" else "accepted")
 
 
-def test_the_decision_goes_with_the_report_and_lists_and_show_have_it(stated, capsys):
+@pytest.fixture(scope="module")
+def written(stated):
+    """With its report."""
     write_report(stated)
+    return stated
+
+
+@pytest.mark.long
+def test_the_decision_goes_with_the_report_and_lists_and_show_have_it(written, capsys):
+    stated = written
     row = run_row(stated)
     assert row.accepted == "accepted"
     content = json.loads((stated / "acceptance.json").read_text())
@@ -71,9 +81,9 @@ def test_the_decision_goes_with_the_report_and_lists_and_show_have_it(stated, ca
     assert "accepted" in capsys.readouterr().out
 
 
-def test_a_decision_from_before_a_run_went_on_is_not_shown(make_run, campaign):
-    place = make_run(campaign, cell=CRITERIA)
-    write_report(place)
+@pytest.mark.long
+def test_a_decision_from_before_a_run_went_on_is_not_shown(written, tmp_path):
+    place = Path(shutil.copytree(written, tmp_path / "run-1"))
     assert run_row(place).accepted == "accepted"
     with Journal.reopen(place, lambda: 10**12) as journal:
         journal.append(RunResumed("somebody", "2026-11-22T08:00:00Z", "", {}))
