@@ -46,7 +46,7 @@ class InputError(Exception):
         super().__init__(self.problems)
 
     def __str__(self) -> str:
-        return "\n".join([*map(str, self.problems), *([f"    {self.note}"] if self.note else [])])
+        return "\n".join([*map(str, self.grouped), *([f"    {self.note}"] if self.note else [])])
 
     @property
     def grouped(self) -> list[Problem]:
