@@ -210,8 +210,8 @@ class Guard:
 
 
 def _is_page(scope: Scope) -> bool:
-    """Whether a page is asked for: not a route of the API, nor a file or connection of the pages."""
-    return scope["type"] == "http" and not scope["path"].startswith(("/api/", "/_nicegui"))
+    """Whether a page is asked for: not a route of the API, figures for a monitor, a file or connection of the pages."""
+    return scope["type"] == "http" and not scope["path"].startswith(("/api/", "/_nicegui", "/metrics"))
 
 
 def _commands(scope: Scope) -> bool:

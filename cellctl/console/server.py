@@ -26,7 +26,7 @@ from cellctl.console.shared import Audit, Console, Settings, use
 from cellctl.files import InputError, Problem
 from cellctl.version import __version__
 
-ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses")
+ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses", "metrics")
 """Modules of `cellctl.console.api` with a `router`."""
 
 PAGES = (
