@@ -199,6 +199,10 @@ def console(
     port: Annotated[int, typer.Option(help="Port to listen at.", min=1, max=65535)] = 8090,
     runs: arguments.Runs = Path("runs"),
     index: arguments.Index = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option(help="Encrypt: file of the certificate with its chain, PEM. With --tls-key.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="File of the certificate's private key, PEM.")] = None,
 ) -> None:
     """Serve the operator's console and its JSON API until Ctrl-C.
 
@@ -207,13 +211,16 @@ def console(
 
     Example: cellctl console --cell sphere_cell
     """
-    serve(Settings(runs, cell, host, port), _announce)
+    if (tls_cert is None) != (tls_key is None):
+        raise typer.BadParameter("--tls-cert and --tls-key go together")
+    tls = (tls_cert, tls_key) if tls_cert and tls_key else None
+    serve(Settings(runs, cell, host, port, tls), _announce)
 
 
 def _announce(console: Console) -> None:
     settings = console.settings
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    address = f"http://{host}:{settings.port}/"
+    address = f"{settings.scheme}://{host}:{settings.port}/"
     typer.echo(f"console   {address}  (runs in {settings.runs}; Ctrl-C ends it, not the runs)")
     typer.echo(f"commands  {address}?token={console.sessions.token}")
     typer.echo(f"token     {console.sessions.token}")

@@ -115,11 +115,17 @@ def nonce_of(scope: Mapping[str, Any]) -> str:
     return str(scope.get(_NONCE, ""))
 
 
-def names_of(host: str, port: int) -> frozenset[str]:
+_PORTS = {"http": 80, "https": 443}
+"""Ports that an address of this scheme leaves out."""
+
+
+def names_of(host: str, port: int, scheme: str = "http") -> frozenset[str]:
     """The values of the header Host that address a console at `host` and `port`, in lower case."""
     hosts = {host, "localhost", "127.0.0.1", "[::1]"} if host in ("127.0.0.1", "localhost", "::1") else {host}
     names = {f"[{name}]" if ":" in name and not name.startswith("[") else name for name in hosts}
-    return frozenset(f"{name}:{port}".lower() for name in names) | (frozenset(names) if port == 80 else frozenset())
+    return frozenset(f"{name}:{port}".lower() for name in names) | (
+        frozenset(names) if port == _PORTS[scheme] else frozenset()
+    )
 
 
 @final
@@ -132,6 +138,7 @@ class Guard:
     sessions: Sessions
     cookie: str
     largest_body: int = LARGEST_BODY
+    scheme: str = "http"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or refuse: 421 wrong host, 401 a command without the token, 403 another site, 413 too large."""
@@ -157,7 +164,7 @@ class Guard:
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
         host = headers.get("host", "").lower()
         if host not in self.names:
-            return 421, "this console is not known by that name", f"open http://{sorted(self.names)[0]}"
+            return 421, "this console is not known by that name", f"open {self.scheme}://{sorted(self.names)[0]}"
         if self._of_another_site(scope, headers):
             return 403, "a page of another site sent this request", "use the console's own pages"
         if _commands(scope) and not self.sessions.allows(_bearer(headers)):
@@ -203,7 +210,8 @@ class Guard:
                     if name not in out:
                         out[name] = value
                 if told:
-                    out.append("set-cookie", f"{self.cookie}={session.id}; Path=/; HttpOnly; SameSite=Strict")
+                    secure = "; Secure" if self.scheme == "https" else ""
+                    out.append("set-cookie", f"{self.cookie}={session.id}; Path=/; HttpOnly; SameSite=Strict{secure}")
             await send(message)
 
         return answer

@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import socket
+import ssl
 import tempfile
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -85,8 +86,8 @@ def api_app(console: Console) -> FastAPI:
 def guarded(app: ASGIApp, console: Console, largest_body: int = LARGEST_BODY) -> Guard:
     """`app` behind the guards of `console`."""
     settings = console.settings
-    names = names_of(settings.host, settings.port)
-    return Guard(app, names, console.sessions, f"cellctl_console_{settings.port}", largest_body)
+    names = names_of(settings.host, settings.port, settings.scheme)
+    return Guard(app, names, console.sessions, f"cellctl_console_{settings.port}", largest_body, settings.scheme)
 
 
 def console_app(console: Console) -> Guard:
@@ -141,14 +142,25 @@ _FAVICON = (
 def serve(settings: Settings, announce: Callable[[Console], None], token: str = "") -> None:
     """Serve the console until Ctrl-C or SIGTERM. `announce` is called when it listens.
 
-    Raises InputError if the address is no single address of this machine, or its port is taken.
+    Raises InputError if the address is no single address of this machine, or its port is taken, and for files of a
+    certificate that cannot be used.
     """
     import uvicorn  # it takes a second, and configures itself
 
+    certificate, key = settings.tls or (None, None)
+    if settings.tls:
+        _check_certificate(*settings.tls)
     listening = _listening(settings)
     console = new_console(settings, token)
     app = console_app(console)
-    config = uvicorn.Config(app, log_level="warning", ws_max_size=LARGEST_BODY, timeout_graceful_shutdown=2)
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        ws_max_size=LARGEST_BODY,
+        timeout_graceful_shutdown=2,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
+    )
     try:
         announce(console)
         uvicorn.Server(config).run(sockets=[listening])
@@ -156,6 +168,19 @@ def serve(settings: Settings, announce: Callable[[Console], None], token: str = 
         pass
     finally:
         listening.close()
+
+
+def _check_certificate(certificate: Path, key: Path) -> None:
+    """Raises InputError unless the key is that of the certificate, without a password, and closed to other users."""
+    try:
+        if os.name == "posix" and key.stat().st_mode & 0o007:
+            what = "every user of this machine may read the private key, or write it"
+            raise InputError(Problem(str(key), 0, 0, what, f"chmod o= {key}"))
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, password="")
+    except OSError as error:  # ssl.SSLError is one
+        what = f"cannot be used as certificate and private key: {error.strerror or error}"
+        cure = "give PEM files: the certificate with its chain, and its key without a password"
+        raise InputError(Problem(f"{certificate}, {key}", 0, 0, what, cure)) from error
 
 
 def _listening(settings: Settings) -> socket.socket:

@@ -83,12 +83,21 @@ T = TypeVar("T")
 @final
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a console was started: folder of the runs, the cell file if one was named, its own address."""
+    """How a console was started: folder of the runs, the cell file if one was named, its own address.
+
+    tls: files of the certificate (with its chain) and of its private key, PEM; None: not encrypted.
+    """
 
     runs: Path
     cell: Path | None = None
     host: str = "127.0.0.1"
     port: int = 8090
+    tls: tuple[Path, Path] | None = None
+
+    @property
+    def scheme(self) -> str:
+        """Of its address: `http` or `https`."""
+        return "https" if self.tls else "http"
 
 
 @final
