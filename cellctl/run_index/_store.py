@@ -214,6 +214,13 @@ class RunIndex:
             wanted = select(func.count()).select_from(RUNS).where(*self._where(asked))
             return int(connection.execute(wanted).scalar() or 0)
 
+    def counts(self, *names: str) -> list[tuple[Any, ...]]:
+        """Number of runs with the same values in these columns: the values, then the number; sorted."""
+        columns = [RUNS.c[name] for name in names]
+        with self._read() as connection:
+            wanted = select(*columns, func.count()).where(*self._here(RUNS)).group_by(*columns).order_by(*columns)
+            return [tuple(row) for row in connection.execute(wanted)]
+
     def lines(self, asked: RunFilter, *names: str, everywhere: bool = False) -> list[Row[Any]]:
         """These columns of all runs as `asked`, newest first; `everywhere`: of all places, with the place first."""
         columns = [RUNS.c[name] for name in (("place", *names) if everywhere else names)]

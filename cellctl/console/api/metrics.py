@@ -6,15 +6,14 @@ Format: https://prometheus.io/docs/instrumenting/exposition_formats (0.0.4). Nam
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from fastapi import APIRouter
 from fastapi.responses import PlainTextResponse
 
-from cellctl.console.commands import live_rows
+from cellctl.console.commands import indexed
 from cellctl.console.live import Snapshot
 from cellctl.console.shared import console
 from cellctl.version import __version__
@@ -22,6 +21,9 @@ from cellctl.version import __version__
 router = APIRouter(tags=["console"], include_in_schema=False)
 
 CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
+
+_LABELS: Final = ("procedure", "state", "verdict", "acceptance")
+"""Of the runs that are counted: columns of the index."""
 
 _Value = tuple[Mapping[str, str], float]
 """Labels and value of one sample."""
@@ -32,14 +34,15 @@ async def metrics() -> PlainTextResponse:
     """All gauges of this console."""
     live = console().live
     active = [await live.snapshot(name) for name in live.active]
-    return PlainTextResponse("".join(_text(active)), media_type=CONTENT_TYPE)
+    counts = await indexed(lambda index: index.counts(*_LABELS), wait=False)
+    return PlainTextResponse("".join(_text(active, counts)), media_type=CONTENT_TYPE)
 
 
-def _text(active: Iterable[Snapshot]) -> Iterator[str]:
-    """active: the runs in progress."""
+def _text(active: Iterable[Snapshot], counts: Iterable[tuple[Any, ...]]) -> Iterator[str]:
+    """active: the runs in progress. counts: of all runs, see `RunIndex.counts`."""
     running = list(active)
     yield from _gauge("cellctl_info", "Version of cellctl.", [({"version": __version__}, 1.0)])
-    yield from _gauge("cellctl_runs", "Runs of the folder that have been read.", _runs())
+    yield from _gauge("cellctl_runs", "Runs of the folder that have been read.", _runs(counts))
     yield from _gauge(
         "cellctl_console_reading",
         "Whether runs of the folder are not read yet: cellctl_runs is not complete.",
@@ -73,11 +76,8 @@ def _text(active: Iterable[Snapshot]) -> Iterator[str]:
         )
 
 
-def _runs() -> list[_Value]:
-    rows = live_rows()
-    counts = Counter((row.procedure_name, row.state, row.verdict or "", row.accepted) for row in rows)
-    names = ("procedure", "state", "verdict", "acceptance")
-    return [(dict(zip(names, each, strict=True)), float(number)) for each, number in sorted(counts.items())]
+def _runs(counts: Iterable[tuple[Any, ...]]) -> list[_Value]:
+    return [(dict(zip(_LABELS, each, strict=True)), float(number)) for *each, number in counts]
 
 
 def _of(run: Snapshot) -> dict[str, str]:
