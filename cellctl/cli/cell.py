@@ -20,6 +20,7 @@ from cellctl.cli.run_progress import show_warnings
 from cellctl.clock import WallClock
 from cellctl.console.server import serve
 from cellctl.console.shared import Console, Settings
+from cellctl.console.webhook import checked_url
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
@@ -203,6 +204,15 @@ def console(
         Path | None, typer.Option(help="Encrypt: file of the certificate with its chain, PEM. With --tls-key.")
     ] = None,
     tls_key: Annotated[Path | None, typer.Option(help="File of the certificate's private key, PEM.")] = None,
+    webhook: Annotated[
+        str,
+        typer.Option(
+            help="Post alarms, ends of runs, and what waits for a person to this address. Other users of the computer "
+            "see a command line; set CELLCTL_WEBHOOK for an address with a secret.",
+            envvar="CELLCTL_WEBHOOK",
+            show_envvar=False,
+        ),
+    ] = "",
 ) -> None:
     """Serve the operator's console and its JSON API until Ctrl-C.
 
@@ -214,7 +224,7 @@ def console(
     if (tls_cert is None) != (tls_key is None):
         raise typer.BadParameter("--tls-cert and --tls-key go together")
     tls = (tls_cert, tls_key) if tls_cert and tls_key else None
-    serve(Settings(runs, cell, host, port, tls), _announce)
+    serve(Settings(runs, cell, host, port, tls, checked_url(webhook) if webhook else ""), _announce)
 
 
 def _announce(console: Console) -> None:

@@ -10,8 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
+from cellctl.console.alarms import Alarm
 from cellctl.console.jobs import Job
 from cellctl.console.live.runs import Subscribers
+from cellctl.console.overview import CellOverview, KnownCell, known_cells, newest_rows, overview
 from cellctl.console.shared import console
 from cellctl.devices import DeviceBusy
 from cellctl.devices.cell import Cell
@@ -19,8 +21,8 @@ from cellctl.devices.registry import DriverRegistry
 from cellctl.engine import ActionName, Operator
 from cellctl.files import InputError, Problem
 from cellctl.installed import shipped_file
-from cellctl.journal import OperatorAction, writer_of
-from cellctl.operations.cell_state import examine_cell
+from cellctl.journal import OperatorAction, host_of, writer_of
+from cellctl.operations.cell_state import cell_state, examine_cell, last_examination
 from cellctl.operations.export import Form
 from cellctl.operations.presets import delete_preset, keep_preset
 from cellctl.operations.results import Failure, as_json, from_json
@@ -106,6 +108,7 @@ async def act_on(operator: Operator, run: Path, name: ActionName, text: str = ""
     """
 
     async def work() -> OperatorAction:
+        _refuse_other_host(run)
         done = await asyncio.to_thread(asyncio.run, act(run, name, operator, text))
         if done.refused:
             raise InputError(Problem(run.name, 0, 0, f"'{name}' was refused: {done.refused}"))
@@ -129,6 +132,7 @@ async def retry(operator: Operator, run: Path, *, acknowledged: bool) -> None:
     """Continue a run that ended early at the step that it did not finish. Raises InputError, JournalError."""
 
     async def work() -> None:
+        _refuse_other_host(run)
         if writer_of(run):
             raise InputError(Problem(run.name, 0, 0, "this run is running", "pause or abort it"))
         await resume_detached(run, operator.name, acknowledged=acknowledged)
@@ -168,6 +172,9 @@ async def examine(operator: Operator, cell: Path) -> None:
         examinations.call({str(cell)})
         try:
             await examine_cell(cell, console().runs)
+            loaded = await loaded_cell(cell)
+            found = await asyncio.to_thread(last_examination, loaded, console().runs)
+            await console().watch.examined(cell.stem, cell_state(loaded, None, found).devices)
         finally:
             _examined.discard(cell)
             examinations.call({str(cell)})
@@ -183,9 +190,39 @@ async def recompute(operator: Operator, what: Literal["replay", "report"], run: 
     )
 
 
+def _refuse_other_host(run: Path) -> None:
+    """A cell is commanded from its own host alone: that one is beside it, and has its devices."""
+    own, host = console().watch.host, host_of(run)
+    if host not in ("", own):
+        what = f"this run is of {host}, and this console runs on {own}: a cell is commanded from its own host alone"
+        raise InputError(Problem(run.name, 0, 0, what, f"use the console on {host}"))
+
+
 def being_examined(cell: Path) -> bool:
     """Whether the devices of this cell are being examined now."""
     return cell in _examined
+
+
+async def cells_overview() -> list[CellOverview]:
+    """All known cells; runs that are not read yet are missing."""
+    live, watch = console().live, console().watch
+    active = [live.run(name).snapshot for name in live.active]
+
+    def found() -> tuple[list[KnownCell], dict[str, str]]:
+        cells = known_cells(console().settings.cell, newest_rows(live.index))
+        runs = {*(each.run for each in active), *(cell.last.run for cell in cells if cell.last)}
+        return cells, {run: host_of(console().runs / run) for run in runs}
+
+    cells, hosts = await asyncio.to_thread(found)
+    return overview(cells, active, watch.alarms.standing, hosts)
+
+
+async def acknowledge(operator: Operator, number: str, words: str = "") -> Alarm:
+    """Record that a person has seen an alarm. Raises LookupError, InputError, OSError."""
+    watch = console().watch
+    return await console().command(
+        operator, "acknowledge", number, lambda: watch.alarms.acknowledge(number, operator, words)
+    )
 
 
 async def loaded_cell(file: Path) -> Cell:

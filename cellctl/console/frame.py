@@ -19,6 +19,7 @@ from cellctl.console.appearance import (
     problem_list,
     state_word,
 )
+from cellctl.console.attention import SCRIPT, AlarmCount, Attention, sound_switch
 from cellctl.console.guarding import Session, session_of
 from cellctl.console.jobs import Job
 from cellctl.console.shared import console
@@ -29,12 +30,16 @@ from cellctl.installed import histories
 from cellctl.journal import JournalError
 from cellctl.operations.results import Failure
 
+ALARMS = "/alarms"
 NAVIGATION = (
+    ("Overview", "/overview"),
     ("Analyse", "/analyse"),
     ("Cell", "/cell"),
     ("Start", "/start"),
+    ("Jobs", "/jobs"),
     ("Run", "/run"),
     ("Runs", "/runs"),
+    ("Alarms", ALARMS),
     *((each.title, f"/{each.name}") for each in histories()),
     ("Tables", "/tables"),
     ("API", "/api"),
@@ -77,12 +82,12 @@ def operator() -> Operator | None:
 @contextmanager
 def frame(title: str, here: str) -> Iterator[None]:
     """The frame of a page; its content goes inside. `here`: the page's entry of the navigation (`/runs`)."""
-    ui.page_title(f"{title} · cellctl")
     head_style(CSS)
-    head_script(_LOST)
+    head_script(_LOST + SCRIPT)
     around = ui.context.client.content.parent_slot
     assert around is not None
     around.parent.tag = "div"  # NiceGUI's is a second <main>
+    shown: list[Callable[[], None]] = []
     with ui.element("header").classes("top"):
         ui.link("cellctl", "/").classes("name").style("color: inherit; text-decoration: none")
         with ui.element("nav").props('aria-label="Pages"'):
@@ -90,10 +95,17 @@ def frame(title: str, here: str) -> Iterator[None]:
                 link = ui.link(name, target)
                 if target == here:
                     link.props("aria-current=page")
+                if target == ALARMS:
+                    shown.append(AlarmCount(link).show)
         with ui.element("div").classes("who"):
+            sound_switch()
             _who()
             look = command_button("", lambda: None, icon="contrast").props('aria-label="Light or dark"')
             look.on("click", js_handler=_OTHER_LOOK)
+    shown.append(Attention(f"{title} · cellctl").show)
+    for show in shown:
+        show()
+    follow_event(lambda: [show() for show in shown], console().watch.subscribe, "alarms and what waits for a person")
     with ui.element("main").classes("page"):
         ui.html(tag="h1", content=escaped(title), sanitize=False)
         yield

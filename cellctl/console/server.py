@@ -22,19 +22,24 @@ from starlette.types import ASGIApp
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
 from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
 from cellctl.console.live import LiveRuns
+from cellctl.console.overview import calibration_causes, known_cells, newest_rows
 from cellctl.console.scene.run_points import installed_sources
 from cellctl.console.shared import Audit, Console, Settings, use
+from cellctl.console.watching import Watch
 from cellctl.files import InputError, Problem
 from cellctl.version import __version__
 
-ROUTERS = ("console", "cells", "starting", "running", "runs", "tables", "analyses", "metrics")
+ROUTERS = ("console", "cells", "attention", "starting", "queue", "running", "runs", "tables", "analyses", "metrics")
 """Modules of `cellctl.console.api` with a `router`."""
 
 PAGES = (
     "home",
     "api",
+    "overview",
     "cell",
+    "alarms",
     "start",
+    "jobs",
     "run",
     "runs",
     "result",
@@ -49,9 +54,10 @@ PAGES = (
 
 def new_console(settings: Settings, token: str = "") -> Console:
     """The state of a console. `token`: empty for a new, random one (128 bits)."""
-    return Console(
-        settings, Sessions(token or secrets.token_urlsafe(16)), Audit(settings.runs), LiveRuns(settings.runs)
-    )
+    sessions, live = Sessions(token or secrets.token_urlsafe(16)), LiveRuns(settings.runs)
+    watch = Watch(settings.runs)
+    watch.cells_due = lambda index: calibration_causes(known_cells(settings.cell, newest_rows(index)))
+    return Console(settings, sessions, Audit(settings.runs), live, watch)
 
 
 def api_app(console: Console) -> FastAPI:

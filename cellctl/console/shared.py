@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -14,9 +13,11 @@ from typing import Any, TypeVar, final
 from cellctl.clock import calendar_time
 from cellctl.console.guarding import Sessions
 from cellctl.console.jobs import Jobs
+from cellctl.console.json_lines import JsonLines
 from cellctl.console.live import LiveRuns
+from cellctl.console.watching import Watch
+from cellctl.console.webhook import Webhook
 from cellctl.engine import Operator
-from cellctl.files.writing import append_line
 
 FILE_NAME = "audit.jsonl"
 
@@ -56,15 +57,9 @@ class Audit:
 
     def read(self, last: int = 200) -> list[dict[str, Any]]:
         """The newest `last` commands, newest first, each with its outcome (`cut off` if it has none)."""
-        path = self.folder / FILE_NAME
         commands: dict[str, dict[str, Any]] = {}
-        for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-            try:
-                data = json.loads(line)
-                number = data["id"]
-            except (ValueError, TypeError, KeyError):
-                continue  # the part of a line that a full disk left
-            known = commands.setdefault(number, {"outcome": "cut off"})
+        for data in JsonLines(self.folder / FILE_NAME).read():
+            known = commands.setdefault(data["id"], {"outcome": "cut off"})
             known.update(
                 {**data, "ended": data["time"], "time": known["time"]}
                 if "outcome" in data and "time" in known
@@ -73,8 +68,7 @@ class Audit:
         return list(reversed(commands.values()))[:last]
 
     def _append(self, data: dict[str, Any]) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        append_line(self.folder / FILE_NAME, json.dumps(data, ensure_ascii=False))
+        JsonLines(self.folder / FILE_NAME).append(data)
 
 
 T = TypeVar("T")
@@ -86,6 +80,7 @@ class Settings:
     """How a console was started: folder of the runs, the cell file if one was named, its own address.
 
     tls: files of the certificate (with its chain) and of its private key, PEM; None: not encrypted.
+    webhook: the address that events are sent to, which may hold a secret; empty: none.
     """
 
     runs: Path
@@ -93,6 +88,7 @@ class Settings:
     host: str = "127.0.0.1"
     port: int = 8090
     tls: tuple[Path, Path] | None = None
+    webhook: str = field(default="", repr=False)
 
     @property
     def scheme(self) -> str:
@@ -103,12 +99,15 @@ class Settings:
 @final
 @dataclass(frozen=True, slots=True)
 class Console:
-    """The state of a console: settings, sessions with the token, audit log, live state of the runs, its jobs."""
+    """The state of a console: settings, sessions with the token, audit log, live state of the runs, alarms and queue
+    (`watch`), its worker processes (`jobs`).
+    """
 
     settings: Settings
     sessions: Sessions
     audit: Audit
     live: LiveRuns
+    watch: Watch
     jobs: Jobs = field(default_factory=Jobs)
 
     @property
@@ -120,9 +119,17 @@ class Console:
     async def following(self) -> AsyncIterator[None]:
         """Inside this context, follow the runs of the folder."""
         async with self.live.following():
+            tasks = [asyncio.create_task(self.watch.run(self.live), name="alarms and queue")]
+            if self.settings.webhook:
+                webhook = Webhook(self.settings.webhook, self.watch.host)
+                self.watch.events.subscribe(webhook.put)
+                tasks.append(asyncio.create_task(webhook.run(), name="webhook"))
             try:
                 yield
             finally:
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
                 await self.jobs.close()
 
     async def command(

@@ -63,6 +63,7 @@ class _CellModel(BaseModel):
     load: dict[str, Any] | None = None
     report: ReportFacts | None = None
     acceptance: list[AcceptanceCriterion] = Field(default_factory=list)
+    calibration_days: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     simulate: _Simulate | None = None
 
 

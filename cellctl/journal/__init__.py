@@ -3,6 +3,7 @@
 from cellctl.journal._digests import JournalCheck, check_journal
 from cellctl.journal._reader import (
     ReadableJournal,
+    host_of,
     is_being_written,
     journal_in,
     last_number,
@@ -67,6 +68,7 @@ __all__ = [
     "Writer",
     "check_journal",
     "fold",
+    "host_of",
     "is_being_written",
     "journal_in",
     "last_number",

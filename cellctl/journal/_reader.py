@@ -67,6 +67,15 @@ def writer_of(run: Path) -> Writer | None:
     return lock_holder(journal_in(run).parent / LOCK_NAME)
 
 
+def host_of(run: Path) -> str:
+    """The computer whose process writes this run, or wrote it last; empty if that is not known."""
+    try:
+        text = (journal_in(run).parent / LOCK_NAME).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    return Writer.read(text.removesuffix("\n")).host
+
+
 def refuse_foreign(path: Path) -> None:
     """Raise JournalError unless `path` is a journal that this version reads."""
     opened_journal(path).close()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import socket
 import sqlite3
 import sys
 from collections.abc import Iterator
@@ -96,26 +97,31 @@ def named_errors(path: Path) -> Iterator[None]:
 @final
 @dataclass(frozen=True, slots=True)
 class Writer:
-    """The process that writes a run: its id, since when (UTC, ISO 8601), its command line. `?`: unknown."""
+    """The process that writes a run: its id, since when (UTC, ISO 8601), its command line. `?`: unknown.
+
+    host: the name of its computer; empty in older versions.
+    """
 
     pid: str
     since: str
     command: str
+    host: str = ""
 
     @classmethod
     def this_process(cls) -> Self:
         """The calling process, since now."""
-        return cls(str(os.getpid()), calendar_time(), " ".join(shlex.join(sys.orig_argv).split()))
+        command = " ".join(shlex.join(sys.orig_argv).split())
+        return cls(str(os.getpid()), calendar_time(), command, socket.gethostname())
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """From the text of a lock file; older versions of cellctl wrote only its first line."""
-        lines = [line or "?" for line in text.split("\n")]
-        return cls(*[*lines, "?", "?"][:3])
+        """From the text of a lock file; older versions of cellctl wrote only its first line, or three."""
+        pid, since, command, host = [*text.split("\n"), "", "", ""][:4]
+        return cls(pid or "?", since or "?", command or "?", host)
 
     def text(self) -> str:
         """For the lock file."""
-        return "".join(f"{line}\n" for line in (self.pid, self.since, self.command))
+        return "".join(f"{line}\n" for line in (self.pid, self.since, self.command, self.host))
 
     def error(self, run_folder: Path) -> JournalError:
         """Error message for another process that tries to write the run in `run_folder`."""

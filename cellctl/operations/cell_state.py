@@ -182,10 +182,19 @@ _OUT_OF_ORDER = {error.__name__ for error in (DeviceUnreachable, DeviceLost, Dev
 """Failures after which a device counts as failed; others (no contact, target lost) are results of a measurement."""
 
 
+def out_of_order(state: RunState) -> dict[str, tuple[str, str]]:
+    """The devices of a run that count as failed since their last failure, each with its text and cure."""
+    return {
+        device: (failure.text.partition(": ")[2].partition("\n")[0], failure.cure)
+        for device, failure in state.device_failures.items()
+        if failure.error in _OUT_OF_ORDER
+    }
+
+
 def _in_run(device: str, address: str, state: RunState) -> DeviceState:
     identity, health = state.identities.get(device, {}), state.health.get(device)
     failure = state.device_failures.get(device)
-    failed = bool(failure and failure.error in _OUT_OF_ORDER) or bool(health and not health.ok)
+    failed = device in out_of_order(state) or bool(health and not health.ok)
     return DeviceState(
         device,
         address,

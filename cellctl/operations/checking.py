@@ -39,7 +39,8 @@ _FIRST_KEY = {"procedure": re.compile(r"^procedure:", re.MULTILINE), "cell": re.
 class FileChoice:
     """A procedure or cell to choose. `title`: its description; `shipped`: it comes with cellctl.
 
-    `cell`: a procedure's default cell, empty for none; `simulated`: of a cell, None for a procedure.
+    `cell`: a procedure's default cell, empty for none; `simulated`: of a cell, None for a procedure;
+    `calibration_days`: after so many a cell's calibration is due, None if the file does not state it.
     """
 
     name: str
@@ -48,6 +49,7 @@ class FileChoice:
     shipped: bool
     cell: str = ""
     simulated: bool | None = None
+    calibration_days: float | None = None
 
 
 @final
@@ -192,6 +194,14 @@ def _choice_of(kind: str, name: str, file: Path, shipped: bool, stamp: tuple[int
         return FileChoice(name, file, error.problems[0].what, shipped)
     data = data if isinstance(data, dict) else {}
     if kind == "cell":
-        return FileChoice(name, file, str(data.get("name", name)), shipped, simulated="simulate" in data)
+        days = data.get("calibration_days")
+        return FileChoice(
+            name,
+            file,
+            str(data.get("name", name)),
+            shipped,
+            simulated="simulate" in data,
+            calibration_days=float(days) if isinstance(days, int | float) else None,
+        )
     cell = Path(str(data["cell"])).stem if "cell" in data else ""
     return FileChoice(name, file, str(data.get("title", name)), shipped, cell)

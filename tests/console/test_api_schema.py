@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections.abc import Iterator
 from contextlib import suppress
@@ -58,6 +59,8 @@ class Fuzzed:
                     case.path_parameters["name"] = name
         headers = {"Authorization": f"Bearer {self.console.token}"} if token else {}
         case.headers.pop("Authorization", None)
+        if path == "/api/events":  # it has no end otherwise
+            case.query["wait"] = False
         return case.call(base_url=self.console.url, headers=headers, timeout=60)
 
     def _first(self, path: str) -> bool:
@@ -85,13 +88,24 @@ def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fuzzed]:
     folder, _ = analyses.new_analysis(runs, "Ada", "data.csv")
     (folder / "data.csv").write_text("A1,A2,A3,A4,A5,A6,X,Y,Z\n0,0,0,0,0,0,1,2,3\n")
     with console_process(runs) as console:
+        _wait_for_the_alarm(console)
         yield Fuzzed(console, folder.name)
         _wait_for_jobs(console)
 
 
+def _wait_for_the_alarm(console: ConsoleProcess) -> None:
+    """Wait for what the console writes by itself at its start: the run has no process, and no end."""
+
+    async def wait() -> None:
+        async with httpx.AsyncClient(base_url=console.url) as client, asyncio.timeout(60):
+            while not (await client.get("/api/alarms")).json():
+                await WallClock().sleep(0.1)
+
+    asyncio.run(wait())
+
+
 def _wait_for_jobs(console: ConsoleProcess) -> None:
     """Wait for the end of all processes that requests started."""
-    import asyncio
 
     async def wait() -> None:
         number = 1

@@ -19,6 +19,9 @@ HOSTILE = """<img src=x onerror="hacked=1">' "quoted" #?&%41;"""
 """The name of a run that a program or person put into the folder."""
 
 PAGES = (
+    "/overview",
+    "/alarms",
+    "/jobs",
     "/analyse",
     "/cell",
     "/start",

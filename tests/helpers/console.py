@@ -174,6 +174,9 @@ class ApiClient:
         """The result of `work` in the application's loop."""
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(60.0)
 
+    def delete(self, path: str, **more: Any) -> httpx.Response:
+        return self.done(self._client.delete(path, **more))
+
 
 @contextmanager
 def api_client(

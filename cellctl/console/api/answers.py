@@ -29,7 +29,9 @@ _COMPARED = ", ".join(each.title.lower() for each in histories())
 SUBJECTS = {
     "console": "The console itself, and its audit log",
     "cells": "Cells and the health of their devices",
+    "attention": "Events as they happen, and alarms",
     "start": "Procedures, the check, and the start of a run",
+    "queue": "Runs that wait for their cell or their time, schedules, and offers to confirm",
     "run": "One run in progress, and the commands that act on it",
     "runs": "Finished and running runs: list, figures, files, comparison, drift, " + _COMPARED,
     "tables": "Compensation tables of the controllers",

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 
 from cellctl.console import commands
 from cellctl.console.api.answers import COMMANDS, READS, CellName, Commander, Refused
+from cellctl.console.overview import CellOverview
 from cellctl.console.shared import console
 from cellctl.files import InputError
 from cellctl.journal import fold, read_journal
@@ -42,6 +43,12 @@ async def cells() -> list[CellChoice]:
     """The cells to choose: the console's own, those below its working folder, the shipped ones."""
     found = await asyncio.to_thread(choices, "cell", console().settings.cell)
     return [_choice(one) for one in found.values()]
+
+
+@router.get("/overview")
+async def overview() -> list[CellOverview]:
+    """Every known cell: run, progress, last verdict, age of its calibration, alarms; those with a run first."""
+    return await commands.cells_overview()
 
 
 @router.get("/cells/{name}", responses=READS)

@@ -152,12 +152,13 @@ def procedure_file(name: str) -> Path:
 
 def order_of(order: Order) -> RunOrder:
     """The order with the files of its names. Raises Refused (404)."""
-    settings = tuple(f"{name}={_text(value)}" for name, value in order.settings.items())
+    settings = tuple(f"{name}={text_of(value)}" for name, value in order.settings.items())
     cell = cell_file(order.cell) if order.cell else None
     return RunOrder(procedure_file(order.procedure), cell, settings, order.seed, order.clock)
 
 
-def _text(value: int | float | str | bool) -> str:
+def text_of(value: int | float | str | bool) -> str:
+    """A setting's value as the command line takes it."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

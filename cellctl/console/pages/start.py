@@ -14,6 +14,8 @@ from nicegui import ui
 from cellctl.console import commands
 from cellctl.console.appearance import command_button, facts, problem_list, section, shown_time, state_word
 from cellctl.console.frame import Commands, answer_of, enable, frame
+from cellctl.console.pages.planning import Plan, asked_plan
+from cellctl.console.run_queue import Planned
 from cellctl.console.shared import console
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Operator
@@ -264,6 +266,7 @@ class _StartPage:
                 with ui.element("div").classes("row"):
                     self._check = command_button("Check", self._on_check, icon="rule")
                     self._start = command_button("Start the run", self._on_start, icon="play_arrow", important=True)
+                    self._plan = command_button("Plan …", self._on_plan, icon="schedule")
                 self._working = ui.label().classes("note").props("role=status")
                 self._progress = _Progress()
                 self._commands = Commands()
@@ -340,6 +343,7 @@ class _StartPage:
         """The form is not the one that was checked."""
         self._result.clear()
         enable(self._start, False)
+        enable(self._plan, False)
         enable(self._check, self._fields.valid)
         self._working.set_text("Check first: nothing moves." if self._fields.valid else "Correct the marked fields.")
 
@@ -366,6 +370,7 @@ class _StartPage:
         enable(self._check, True)
         self._show(found)
         enable(self._start, not found.problems)
+        enable(self._plan, not found.problems)
 
     def _show(self, found: Checked) -> None:
         self._result.clear()
@@ -393,6 +398,16 @@ class _StartPage:
                 command_button("Cancel", lambda: dialog.submit(False))
         if await answer_of(dialog):
             await self._commands.give(self._begin)
+
+    async def _on_plan(self) -> None:
+        if (plan := await asked_plan()) is not None:
+            await self._commands.give(lambda operator: self._planned(operator, plan))
+
+    async def _planned(self, operator: Operator, plan: Plan) -> None:
+        order = self._order()
+        settings = dict(setting.split("=", 1) for setting in order.settings)
+        await plan.give(operator, Planned(self._form.file.stem, self._cell.name, settings, order.seed, order.clock))
+        ui.navigate.to("/jobs")
 
     async def _begin(self, operator: Operator) -> None:
         enable(self._start, False)
