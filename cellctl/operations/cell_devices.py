@@ -107,7 +107,7 @@ def _places(cell: Cell, drivers: DriverRegistry, names: Collection[str] | None) 
 
 
 def _busy(device: str, text: str) -> DeviceBusy:
-    writer, run = Writer.read(text), "".join(text.split("\n")[3:4])
+    writer, run = Writer.read(text), "".join(text.split("\n")[4:5])
     by = f"run {run} (process {writer.pid}, since {writer.since})" if run else f"process {writer.pid}: {writer.command}"
     end = f"`cellctl abort {run}`" if run else f"kill {writer.pid}"
     return DeviceBusy(device, f"is in use by {by}", f"wait for its end, or end it ({end}); then try again")
