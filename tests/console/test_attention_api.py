@@ -28,7 +28,13 @@ PATIENCE_S = 60.0
 @pytest.fixture
 def client(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ApiClient]:
     monkeypatch.setattr(watching, "TICK_S", 0.02)
+
+    async def ready() -> None:
+        while console().watch._states is None:  # what has ended before is not followed by events
+            await asyncio.sleep(0.01)
+
     with api_client(tmp_path, registry) as client:
+        client.done(ready())
         yield client
 
 
