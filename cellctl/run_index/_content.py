@@ -93,7 +93,7 @@ HISTORIES = Table(
 VERSIONS = Table("index_version", METADATA, Column("version", Integer, primary_key=True))
 
 Index("runs_by_begin", RUNS.c.place, RUNS.c.began, RUNS.c.run)
-Index("runs_unsettled", RUNS.c.place, RUNS.c.run, sqlite_where=~RUNS.c.settled, postgresql_where=~RUNS.c.settled)
+Index("runs_unsettled", RUNS.c.place, RUNS.c.settled)
 Index("runs_by_identity", RUNS.c.identity)
 Index("runs_by_serial", RUNS.c.place, RUNS.c.serial, RUNS.c.began)
 for _name in ("state", "verdict", "procedure"):

@@ -64,7 +64,7 @@ _BATCH = 10
 _PATIENCE_S = 10.0
 """Longest wait for the index of a folder whose runs are not read yet, of wall time: 75 000 runs take minutes."""
 
-_SHARE = 50.0
+_SHARE = 200.0
 """A thorough look at a folder, which takes longer with each run, is made after this multiple of its own time."""
 
 _KEPT = 8
