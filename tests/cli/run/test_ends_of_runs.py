@@ -139,12 +139,12 @@ def test_nothing_was_moved_is_reported_where_something_could_have_been(
 
 def test_of_many_errors_the_first_are_shown_and_the_others_counted(capsys: pytest.CaptureFixture[str]) -> None:
     def call() -> None:
-        raise InputError(Problem("data.csv", line, 0, "is no number") for line in range(1, 101))
+        raise InputError(Problem("data.csv", line, 0, f"'{chr(96 + line)}' is no number") for line in range(1, 101))
 
     assert exit_codes.exit_code_of(call) == 2
     said = capsys.readouterr().err.splitlines()
     assert said[0] == "cellctl: 100 errors"
-    assert said[-2:] == ["data.csv:20: is no number", "… and 80 more"]
+    assert said[-2:] == ["data.csv:20: 't' is no number", "… and 80 more"]
 
 
 @pytest.mark.parametrize(
