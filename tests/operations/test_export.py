@@ -175,7 +175,7 @@ def test_bluesky_documents_are_valid_and_refer_to_each_other(run: Path) -> None:
 
 
 def test_the_same_run_gives_the_same_bytes(run: Path) -> None:
-    for form in Form:
+    for form in set(Form) - {Form.DCC}:  # a certificate needs an identification: tests/report/test_certificate.py
         assert export_run(run, form).content == export_run(run, form).content
 
 
