@@ -42,6 +42,8 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleProcess]
     cellctl("table", "show", "--cell", "sphere_cell", "--state", place / "simulated_cell.json", "--json", "-")
     for number in range(21):
         check(runs, number, grown=5e-4 * (number >= 20))
+    for day in range(1, 5):
+        run_in(runs, f"older-{day}", f"2025-01-0{day}", "111111")
     with console_process(runs, "--cell", "sphere_cell") as console:
         yield console
 
@@ -57,9 +59,9 @@ def page(served: ConsoleProcess) -> Iterator[Any]:
 
 def test_runs_are_searched_chosen_and_compared_by_keyboard_reachable_parts(page: Any, served: ConsoleProcess) -> None:
     page.goto(f"{served.url}/runs")
-    page.get_by_text("23 of 23 runs").wait_for()
+    page.get_by_text("27 of 27 runs").wait_for()
     page.get_by_label("Search").fill(SERIAL)
-    page.get_by_text("2 of 23 runs").wait_for()
+    page.get_by_text("2 of 27 runs").wait_for()
     for box in page.locator("tbody .q-checkbox").all():
         box.press("Space")
         box.and_(page.locator("[aria-checked=true]")).wait_for()
@@ -67,6 +69,15 @@ def test_runs_are_searched_chosen_and_compared_by_keyboard_reachable_parts(page:
     page.get_by_text("The models differ").wait_for()
     assert "a=sphere-10&b=sphere-11" in page.url or "b=sphere-11&a=sphere-10" in page.url
     page.get_by_role("cell", name="a4", exact=True).wait_for()
+
+
+def test_the_list_is_turned_page_by_page(page: Any, served: ConsoleProcess) -> None:
+    page.goto(f"{served.url}/runs")
+    page.get_by_text("1-25 of 27").wait_for()
+    page.locator(".q-table__bottom button").last.click()
+    page.get_by_text("26-27 of 27").wait_for()
+    page.get_by_role("link", name="older-1").wait_for()
+    assert page.locator("tbody tr").count() == 2
 
 
 def test_daily_checks_show_their_charts_and_the_signal_of_a_grown_robot(page: Any, served: ConsoleProcess) -> None:

@@ -78,6 +78,7 @@ class _RunList:
     def __init__(self, asked: RunFilter) -> None:
         self._asked = asked
         self._seen: Any = None
+        self._found = 0
         self._selects: dict[str, ui.select] = {}
         self._search()
         with ui.element("div").classes("row"):
@@ -93,6 +94,7 @@ class _RunList:
             self._table.add_slot(f"body-cell-{name}", _WORD_CELL.replace("NAME", name))
         self._table.on_select(self._show_choice)
         self._table.on("request", self._turned)
+        self._table.on_pagination_change(self._keep_number)
 
     async def show(self) -> None:
         """Show the runs as they are now, if any has changed."""
@@ -125,6 +127,11 @@ class _RunList:
 
         return changed
 
+    def _keep_number(self, _: object = None) -> None:
+        """Tell the page how many rows there are: it answers each change with the number that it had before."""
+        if self._table.pagination["rowsNumber"] != self._found:
+            self._table.pagination = {**self._table.pagination, "rowsNumber": self._found}
+
     async def _turned(self, event: Any) -> None:
         """Another page, order, or number of rows."""
         self._table.pagination = {**self._table.pagination, **event.args["pagination"]}
@@ -154,8 +161,8 @@ class _RunList:
                 select.set_options(options)
         rows = [summary_of(each) for each in found]
         cells = [_cells(row) | _progress(row) for row in rows]
-        if count != turned["rowsNumber"]:
-            self._table.pagination = {**self._table.pagination, "rowsNumber": count}
+        self._found = count
+        self._keep_number()
         if cells != self._table.rows:
             self._table.rows = cells
         reading = ", reading more …" if console().live.reading else ""
