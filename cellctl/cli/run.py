@@ -31,13 +31,13 @@ from cellctl.operations.run_control import failing_into
 
 def check(
     procedure: arguments.AnyProcedure = None,
-    package: Annotated[
-        str | None, typer.Option(help="Check this installed extension instead, see docs/extend.")
-    ] = None,
     cell: arguments.OtherCell = None,
     set_: arguments.Settings = None,
     runs: arguments.Runs = Path("runs"),
     json_: arguments.Json = None,
+    package: Annotated[
+        str | None, typer.Option(help="Check this installed extension instead, see docs/extend.")
+    ] = None,
 ) -> None:
     """Check a procedure and its cell; nothing moves.
 

@@ -54,7 +54,7 @@ class InputError(Exception):
         return grouped(self.problems)
 
 
-_NUMBER = re.compile(r"[-+−]?\d+(?:\.\d+)?")
+_NUMBER = re.compile(r"(?<!\w)[-+−]?\d+(?:\.\d+)?")
 _FEWEST_ALIKE = 4
 """So many problems that differ in line and figures alone are said as one."""
 

@@ -76,7 +76,7 @@ def test_a_report_has_its_title_its_labels_and_its_unit(found, tmp_path):
     measured, split, result = found
     page = tmp_path / "page.html"
     write_fit_page(page, FitStory.of(measured, result, split, fit_report(measured, result), {}))
-    for words in ("Tool in the heat", "tool heat Z", "µm/K"):
+    for words in ("Tool heat", "tool heat Z", "µm/K"):
         assert words in page.read_text()
 
 

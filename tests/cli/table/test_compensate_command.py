@@ -146,4 +146,5 @@ def test_on_refusal_the_json_has_every_refused_row(cellctl, folder, capsys):
     refused = json.loads((folder / "refused.json").read_text())["refused"]
     assert [row["line"] for row in refused] == list(range(2, 27))
     assert all("out of the robot's reach" in row["reason"] and row["cure"] for row in refused)
-    assert "and 5 more" in capsys.readouterr().err
+    assert "25 errors\nfar.csv:2: the target is out of the robot's reach" in (said := capsys.readouterr().err)
+    assert "so in 25 places, lines 2–26" in said
