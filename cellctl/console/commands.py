@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeVar
 from cellctl.console.alarms import Alarm
 from cellctl.console.jobs import Job
 from cellctl.console.live.runs import Subscribers
-from cellctl.console.overview import CellOverview, KnownCell, known_cells, newest_rows, overview
+from cellctl.console.overview import CellOverview, KnownCell, known_cells, overview, rows_of_cells
 from cellctl.console.shared import console
 from cellctl.devices import DeviceBusy
 from cellctl.devices.cell import Cell
@@ -209,7 +209,7 @@ async def cells_overview() -> list[CellOverview]:
     active = [live.run(name).snapshot for name in live.active]
 
     def found() -> tuple[list[KnownCell], dict[str, str]]:
-        cells = known_cells(console().settings.cell, newest_rows(live.index))
+        cells = known_cells(console().settings.cell, rows_of_cells(live.index))
         runs = {*(each.run for each in active), *(cell.last.run for cell in cells if cell.last)}
         return cells, {run: host_of(console().runs / run) for run in runs}
 

@@ -16,7 +16,7 @@ from cellctl.operations.checking import FileChoice, choices
 from cellctl.operations.run_indexing import summary_of
 from cellctl.operations.run_list import RunSummary
 from cellctl.records import PASSED
-from cellctl.run_index import RunFilter, RunIndex
+from cellctl.run_index import RunIndex
 
 DUE_DAYS = 180.0
 """The calibration of a real cell whose file does not state `calibration_days` is due after so many days."""
@@ -83,15 +83,10 @@ class CellOverview:
     alarms: int = 0
 
 
-NEWEST = 500
-"""Number of the latest runs, and of the latest finished ones, among which those of each cell are looked for."""
-
-
-def newest_rows(index: RunIndex) -> list[RunSummary]:
-    """The latest runs, and the latest finished ones, newest first. For a thread."""
-    found = [*index.page(limit=NEWEST), *index.page(RunFilter(state="finished"), limit=NEWEST)]
-    rows = {row.run: row for row in map(summary_of, found)}
-    return sorted(rows.values(), key=lambda row: row.began or "", reverse=True)
+def rows_of_cells(index: RunIndex) -> list[RunSummary]:
+    """Of each cell the latest run and the latest one that calibrated it, newest first. For a thread."""
+    rows = {found.run: found for found in (*index.latest_of_cells(), *index.latest_of_cells(PASSED))}
+    return sorted(map(summary_of, rows.values()), key=lambda row: row.began or "", reverse=True)
 
 
 def known_cells(named: Path | None, rows: Iterable[RunSummary]) -> list[KnownCell]:

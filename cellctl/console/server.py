@@ -22,7 +22,7 @@ from starlette.types import ASGIApp
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
 from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
 from cellctl.console.live import LiveRuns
-from cellctl.console.overview import calibration_causes, known_cells, newest_rows
+from cellctl.console.overview import calibration_causes, known_cells, rows_of_cells
 from cellctl.console.scene.run_points import installed_sources
 from cellctl.console.shared import Audit, Console, Settings, use
 from cellctl.console.watching import Watch
@@ -56,7 +56,7 @@ def new_console(settings: Settings, token: str = "") -> Console:
     """The state of a console. `token`: empty for a new, random one (128 bits)."""
     sessions, live = Sessions(token or secrets.token_urlsafe(16)), LiveRuns(settings.runs)
     watch = Watch(settings.runs)
-    watch.cells_due = lambda index: calibration_causes(known_cells(settings.cell, newest_rows(index)))
+    watch.cells_due = lambda index: calibration_causes(known_cells(settings.cell, rows_of_cells(index)))
     return Console(settings, sessions, Audit(settings.runs), live, watch)
 
 

@@ -92,6 +92,7 @@ def _indexed(row: RunSummary, found: str, state: RunState | None = None, folder:
         robot_type=str(row.devices.get(ROBOT, {}).get("model", "")),
         serial=row.serial,
         site=_site(state.started.cell.text) if state and state.started else "",
+        cell=row.cell or "",
         operator=row.operator or "",
         simulated=row.simulated,
         points=row.points,

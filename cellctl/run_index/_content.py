@@ -7,7 +7,7 @@ from typing import Final, final
 
 from sqlalchemy import Boolean, Column, Float, Index, Integer, MetaData, String, Table
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Counts changes of the tables. An index of another version is made anew."""
 
 APPLICATION_ID: Final = 0x43454C49
@@ -51,6 +51,7 @@ RUNS = Table(
     _text("robot_type"),
     _text("serial"),
     _text("site"),
+    _text("cell"),
     _text("operator"),
     Column("simulated", Boolean, nullable=False),
     Column("points", Integer),
@@ -96,6 +97,7 @@ Index("runs_by_begin", RUNS.c.place, RUNS.c.began, RUNS.c.run)
 Index("runs_unsettled", RUNS.c.place, RUNS.c.settled)
 Index("runs_by_identity", RUNS.c.identity)
 Index("runs_by_serial", RUNS.c.place, RUNS.c.serial, RUNS.c.began)
+Index("runs_by_cell", RUNS.c.place, RUNS.c.cell, RUNS.c.began)
 for _name in ("state", "verdict", "procedure"):
     Index(f"runs_by_{_name}", RUNS.c.place, RUNS.c[_name])
 Index("histories_by_series", HISTORIES.c.place, HISTORIES.c.history, HISTORIES.c.series, HISTORIES.c.began)
@@ -134,8 +136,9 @@ class IndexedRun:
 
     fingerprint: of its files when they were read. settled: only a resume or a change from outside can change it.
     identity: the same for copies of a folder. began_as: the name at its start. began, ended: UTC, ISO 8601. procedure:
-    name. robot_type, serial: as the robot reported them. before_mm, after_mm: mean held-out errors. process: that
-    writes it. words: what a search by words looks in, in lower case. content: its summary as JSON.
+    name. robot_type, serial: as the robot reported them. cell: path of the cell file. before_mm, after_mm: mean
+    held-out errors. process: that writes it. words: what a search by words looks in, in lower case. content: its
+    summary as JSON.
     """
 
     run: str
@@ -151,6 +154,7 @@ class IndexedRun:
     robot_type: str = ""
     serial: str = ""
     site: str = ""
+    cell: str = ""
     operator: str = ""
     simulated: bool = False
     points: int | None = None

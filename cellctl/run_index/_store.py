@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any, final
@@ -244,6 +244,20 @@ class RunIndex:
             rows = connection.execute(wanted).all()
             notes = self._notes(connection, rows)
         return [FoundRun(row.place, row.run, row.json, row.present, notes.get(row.run, "")) for row in rows]
+
+    def latest_of_cells(self, verdicts: Collection[str] = ()) -> list[FoundRun]:
+        """Of each cell the run that began last, newest first; verdicts: the last one that finished with one of these
+        and with measured errors.
+        """
+        asked = [*self._here(RUNS), RUNS.c.cell != ""]
+        if verdicts:
+            asked += [RUNS.c.verdict.in_(sorted(verdicts)), RUNS.c.after_mm.is_not(None), RUNS.c.state == "finished"]
+        last = select(RUNS.c.cell, func.max(RUNS.c.began).label("began")).where(*asked).group_by(RUNS.c.cell).subquery()
+        same = (RUNS.c.cell == last.c.cell) & (RUNS.c.began == last.c.began)
+        chosen = [*self._here(RUNS), RUNS.c.run.in_(select(RUNS.c.run).join(last, same).where(*asked))]
+        with self._read() as connection:
+            rows = connection.execute(page_of(chosen, "began", descending=True)).all()
+        return [FoundRun(row.place, row.run, row.json, row.present, "") for row in rows]
 
     def _notes(self, connection: Connection, rows: Sequence[Any]) -> dict[str, str]:
         """Run → that it vanished, was renamed or copied; of a page."""

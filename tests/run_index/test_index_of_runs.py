@@ -32,6 +32,7 @@ from cellctl.operations.run_indexing import (
 )
 from cellctl.run_index import FILE_NAME, VARIABLE, RunFilter, opened_index
 from tests.helpers.engine import WrittenRun
+from tests.helpers.journals import run_in
 from tests.helpers.many_runs import made_check, made_runs, not_durable
 from tests.run_index.conftest import Server
 
@@ -67,6 +68,19 @@ def test_only_what_is_new_or_changed_is_read(runs: Path, read: list[str]) -> Non
     made_check(runs, 2, 0)
     assert len(run_rows(runs)) == 7
     assert len(read) == 1
+
+
+def test_the_latest_run_of_each_cell_and_the_latest_that_passed(tmp_path: Path) -> None:
+    for name, day, verdict, cell in (
+        ("a", "2026-01-01", "better", "hall7"),
+        ("b", "2026-01-02", "better", "hall8"),
+        ("c", "2026-01-03", "better", "hall7"),
+        ("d", "2026-01-04", "not better", "hall7"),
+    ):
+        run_in(tmp_path, name, day, "925185", verdict, cell=cell)
+    with current_index(tmp_path) as index:
+        assert [found.run for found in index.latest_of_cells()] == ["d", "b"]
+        assert [found.run for found in index.latest_of_cells({"better", "agree"})] == ["c", "b"]
 
 
 def test_a_run_that_ended_is_told_to_the_index_and_one_in_progress_is_read_until_it_ends(
