@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, Literal, final
 
 from cellctl.clock import calendar_time
-from cellctl.console.json_lines import JsonLines
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
+from cellctl.files.json_lines import FollowedLines
 
 FILE_NAME = "alarms.jsonl"
 
@@ -95,9 +95,8 @@ class AlarmLog:
     """
 
     def __init__(self, folder: Path, changed: Callable[[Happened, Alarm], object] = lambda *_: None) -> None:
-        self._lines = JsonLines(folder / FILE_NAME)
+        self._lines = FollowedLines(folder / FILE_NAME)
         self._changed = changed
-        self._stamp = (0, 0)
         self._alarms: dict[str, Alarm] = {}
         self._marks: set[tuple[str, str]] = set()
         self._lock = asyncio.Lock()
@@ -166,16 +165,14 @@ class AlarmLog:
         return marked or any(alarm.cause == cause.cause and alarm.stands for alarm in self._alarms.values())
 
     async def _write(self, what: Happened, alarm: Alarm, line: dict[str, Any]) -> None:
-        await asyncio.to_thread(self._lines.append, line)
+        await self._lines.append(line)
         self._keep(alarm)
         self._changed(what, alarm)
 
     async def _refreshed(self) -> bool:
-        stamp = await asyncio.to_thread(lambda: self._lines.stamp)
-        if stamp == self._stamp:
+        lines = await self._lines.changed()
+        if lines is None:
             return False
-        self._stamp = stamp
-        lines = await asyncio.to_thread(lambda: list(self._lines.read()))
         self._alarms.clear()
         for line in lines:
             try:

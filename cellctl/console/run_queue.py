@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, Literal, final
 
 from cellctl.clock import calendar_time
-from cellctl.console.json_lines import JsonLines
 from cellctl.devices.cell import ClockMode
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
+from cellctl.files.json_lines import FollowedLines
 
 FILE_NAME = "queue.jsonl"
 
@@ -113,9 +113,8 @@ class RunQueue:
         changed: Callable[[QueuedRun], object] = lambda _: None,
         now: Callable[[], datetime] = utc_now,
     ) -> None:
-        self._lines, self.host = JsonLines(folder / FILE_NAME), host
+        self._lines, self.host = FollowedLines(folder / FILE_NAME), host
         self._changed, self._now = changed, now
-        self._stamp = (0, 0)
         self._entries: dict[str, QueuedRun] = {}
         self._schedules: dict[str, Schedule] = {}
         self._looked = now()
@@ -161,7 +160,7 @@ class RunQueue:
             await self._refreshed()
             days = tuple(sorted(set(weekdays)))
             found = Schedule(_new_id(), planned, self.host, operator.name, self._time(), at, days)
-            await asyncio.to_thread(self._lines.append, {"kind": "schedule", **asdict(found)})
+            await self._lines.append({"kind": "schedule", **asdict(found)})
             self._schedules[found.id] = found
             return found
 
@@ -171,7 +170,7 @@ class RunQueue:
             await self._refreshed()
             self._own(self._schedules[number])
             line = {"id": number, "removed": self._time(), "who": operator.name}
-            await asyncio.to_thread(self._lines.append, line)
+            await self._lines.append(line)
             del self._schedules[number]
 
     async def remove(self, number: str, operator: Operator) -> QueuedRun:
@@ -231,7 +230,7 @@ class RunQueue:
 
     async def _add(self, planned: Planned, by: str, schedule: str = "") -> QueuedRun:
         entry = QueuedRun(_new_id(), planned, self.host, by, self._time(), schedule)
-        await asyncio.to_thread(self._lines.append, {"kind": "queued", **asdict(entry)})
+        await self._lines.append({"kind": "queued", **asdict(entry)})
         self._keep(entry)
         return entry
 
@@ -247,7 +246,7 @@ class RunQueue:
     async def _set(self, entry: QueuedRun) -> QueuedRun:
         entry = replace(entry, at=self._time())
         names = ("id", "state", "at", "until", "run", "who", "why")
-        await asyncio.to_thread(self._lines.append, {name: getattr(entry, name) for name in names})
+        await self._lines.append({name: getattr(entry, name) for name in names})
         self._keep(entry)
         return entry
 
@@ -261,11 +260,9 @@ class RunQueue:
         self._changed(entry)
 
     async def _refreshed(self) -> bool:
-        stamp = await asyncio.to_thread(lambda: self._lines.stamp)
-        if stamp == self._stamp:
+        lines = await self._lines.changed()
+        if lines is None:
             return False
-        self._stamp = stamp
-        lines = await asyncio.to_thread(lambda: list(self._lines.read()))
         self._entries.clear()
         self._schedules.clear()
         for line in lines:

@@ -13,11 +13,11 @@ from typing import Any, TypeVar, final
 from cellctl.clock import calendar_time
 from cellctl.console.guarding import Sessions
 from cellctl.console.jobs import Jobs
-from cellctl.console.json_lines import JsonLines
 from cellctl.console.live import LiveRuns
 from cellctl.console.watching import Watch
 from cellctl.console.webhook import Webhook
 from cellctl.engine import Operator
+from cellctl.files.json_lines import JsonLines
 
 FILE_NAME = "audit.jsonl"
 
@@ -58,7 +58,7 @@ class Audit:
     def read(self, last: int = 200) -> list[dict[str, Any]]:
         """The newest `last` commands, newest first, each with its outcome (`cut off` if it has none)."""
         commands: dict[str, dict[str, Any]] = {}
-        for data in JsonLines(self.folder / FILE_NAME).read():
+        for data in JsonLines(self.folder / FILE_NAME).read("id"):
             known = commands.setdefault(data["id"], {"outcome": "cut off"})
             known.update(
                 {**data, "ended": data["time"], "time": known["time"]}

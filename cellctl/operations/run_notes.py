@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import final
@@ -10,7 +10,7 @@ from typing import final
 from cellctl.clock import calendar_time
 from cellctl.engine import Operator
 from cellctl.files import InputError, Problem
-from cellctl.files.writing import append_line
+from cellctl.files.json_lines import JsonLines
 
 FILE_NAME = "notes.jsonl"
 LONGEST = 2000
@@ -29,12 +29,10 @@ class Note:
 
 def notes_of(run_folder: Path) -> list[Note]:
     """The notes on the run in `run_folder`, the oldest first; a line that was cut off is left out."""
-    path, found = run_folder / FILE_NAME, []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
-        try:
-            found.append(Note(**json.loads(line)))
-        except (ValueError, TypeError):
-            continue
+    found = []
+    for data in JsonLines(run_folder / FILE_NAME).read():
+        with suppress(TypeError):  # of a newer version
+            found.append(Note(**data))
     return found
 
 
@@ -44,5 +42,5 @@ def add_note(run_folder: Path, operator: Operator, text: str) -> Note:
     if not 0 < len(plain) <= LONGEST:
         raise InputError(Problem("note", 0, 0, f"has {len(plain)} letters", f"write 1 to {LONGEST}"))
     note = Note(calendar_time(), operator.name, operator.host, plain)
-    append_line(run_folder / FILE_NAME, json.dumps(asdict(note), ensure_ascii=False))
+    JsonLines(run_folder / FILE_NAME).append(asdict(note))
     return note

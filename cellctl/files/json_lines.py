@@ -1,7 +1,8 @@
-"""Files of JSON objects that only grow, one object for each line: commands, alarms, planned runs."""
+"""Files of JSON objects that only grow, one object for each line: commands, alarms, planned runs, notes."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -32,8 +33,11 @@ class JsonLines:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         append_line(self.path, json.dumps(data, ensure_ascii=False))
 
-    def read(self) -> Iterator[dict[str, Any]]:
-        """The objects that have an `id`, oldest first. What is left of a line that a full disk cut is passed over."""
+    def read(self, name: str = "") -> Iterator[dict[str, Any]]:
+        """The objects, oldest first; name: only those with a text of this name.
+
+        What is left of a line that a full disk cut is passed over.
+        """
         try:
             lines = self.path.read_text(encoding="utf-8", errors="replace").splitlines()
         except OSError:  # there is none yet, or it cannot be read: who adds a line hears of that
@@ -43,5 +47,27 @@ class JsonLines:
                 data = json.loads(line)
             except ValueError:
                 continue
-            if isinstance(data, dict) and isinstance(data.get("id"), str):
+            if isinstance(data, dict) and (not name or isinstance(data.get(name), str)):
                 yield data
+
+
+@final
+class FollowedLines:
+    """The file `path`, whose objects with an `id` are read again when it has changed. Belongs to one event loop."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lines = JsonLines(path)
+        self._stamp = (0, 0)
+
+    async def append(self, data: dict[str, Any]) -> None:
+        """Add a line, durable on return. Raises OSError."""
+        await asyncio.to_thread(self._lines.append, data)
+
+    async def changed(self) -> list[dict[str, Any]] | None:
+        """All objects, oldest first, if the file has changed since the last call; None: it has not."""
+        stamp = await asyncio.to_thread(lambda: self._lines.stamp)
+        if stamp == self._stamp:
+            return None
+        self._stamp = stamp
+        return await asyncio.to_thread(lambda: list(self._lines.read("id")))
