@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -21,7 +21,7 @@ from cellctl.operations.run_indexing import (
     summary_of,
     verify_index,
 )
-from cellctl.run_index import IndexUnusable, RunFilter
+from cellctl.run_index import FoundRun, IndexUnusable, RunFilter
 
 _COLUMNS = ("run", "began", "state", "points", "verdict", "acceptance", "table")
 _KEYS = ("run", "began", "state", "points", "verdict", "acceptance", "table_state")
@@ -53,7 +53,8 @@ def runs(
     asked = RunFilter(search, state, verdict, serial, procedure, since, until)
     with current_index(folder) as found:
         if json_ is not None:
-            write_json({"runs": [as_json(summary_of(each)) for each in found.page(asked)]}, json_)
+            listed = found.page(asked, everywhere=all_hosts)
+            write_json({"runs": [_listed(each, place=all_hosts) for each in listed]}, json_)
         if json_ == "-":
             return
         rows = found.lines(asked, *_KEYS, everywhere=all_hosts)
@@ -63,6 +64,10 @@ def runs(
         return
     columns = ("place", *_COLUMNS) if all_hosts else _COLUMNS
     typer.echo("\n".join(_aligned([columns, *(tuple(str(each or "-") for each in row) for row in rows)])))
+
+
+def _listed(found: FoundRun, *, place: bool) -> dict[str, Any]:
+    return {**({"place": found.place} if place else {}), **as_json(summary_of(found))}
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> list[str]:

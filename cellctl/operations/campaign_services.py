@@ -1,4 +1,4 @@
-"""What steps of campaigns use of the services: tables, their proof and history, set-up errors, agreement of models."""
+"""What steps of campaigns use of the services: tables, set-up errors, agreement of models, earlier runs."""
 
 from cellctl.operations.agreement import models_agree
 from cellctl.operations.compensating import (
@@ -8,6 +8,7 @@ from cellctl.operations.compensating import (
     refuse_other_cell,
     stated_controller,
 )
+from cellctl.operations.run_indexing import runs_to_compare
 from cellctl.operations.setup_refusals import SetupFiles, refuse_setup_errors
 from cellctl.operations.table import TableRecorder, active_id, in_force, push_verified, refuse_table, roll_back
 from cellctl.operations.table_history import TableHistory
@@ -27,5 +28,6 @@ __all__ = [
     "refuse_setup_errors",
     "refuse_table",
     "roll_back",
+    "runs_to_compare",
     "stated_controller",
 ]

@@ -211,6 +211,13 @@ def run_rows(runs: Path, asked: RunFilter | None = None) -> list[RunSummary]:
         return [summary_of(found) for found in index.page(asked)]
 
 
+def runs_to_compare(runs: Path, history: str) -> list[str]:
+    """Names of the runs in the folder `runs` that may be in a history, by its name: unreadable ones are among them."""
+    with current_index(runs) as index:
+        unreadable = index.lines(RunFilter(state=UNREADABLE), "run")
+        return sorted({*index.runs_in(history), *(name for (name,) in unreadable)})
+
+
 def tell_existing_index(folder: Path) -> None:
     """As `tell_index`, if there is an index of the runs' folder: of a run whose report was written again."""
     if shared_url() or (folder.parent / FILE_NAME).is_file():

@@ -237,13 +237,21 @@ class RunIndex:
         limit: int | None = None,
         order: str = "began",
         descending: bool = True,
+        everywhere: bool = False,
     ) -> list[FoundRun]:
-        """The runs as `asked` with what they hold, from number `offset` on, newest first or by another column."""
-        wanted = page_of(self._where(asked), order, descending=descending, offset=offset, limit=limit)
+        """The runs as `asked` with what they hold, from number `offset` on, newest first or by another column.
+
+        everywhere: of all folders that share the index.
+        """
+        wanted = page_of(
+            self._where(asked, everywhere=everywhere), order, descending=descending, offset=offset, limit=limit
+        )
         with self._read() as connection:
             rows = connection.execute(wanted).all()
             notes = self._notes(connection, rows)
-        return [FoundRun(row.place, row.run, row.json, row.present, notes.get(row.run, "")) for row in rows]
+        return [
+            FoundRun(row.place, row.run, row.json, row.present, notes.get((row.place, row.run), "")) for row in rows
+        ]
 
     def latest_of_cells(self, verdicts: Collection[str] = ()) -> list[FoundRun]:
         """Of each cell the run that began last, newest first; verdicts: the last one that finished with one of these
@@ -259,8 +267,8 @@ class RunIndex:
             rows = connection.execute(page_of(chosen, "began", descending=True)).all()
         return [FoundRun(row.place, row.run, row.json, row.present, "") for row in rows]
 
-    def _notes(self, connection: Connection, rows: Sequence[Any]) -> dict[str, str]:
-        """Run → that it vanished, was renamed or copied; of a page."""
+    def _notes(self, connection: Connection, rows: Sequence[Any]) -> dict[tuple[str, str], str]:
+        """Place and run → that it vanished, was renamed or copied; of a page."""
         strange = [row for row in rows if row.identity and (not row.present or (row.began_as not in ("", row.run)))]
         if not strange:
             return {}
@@ -270,16 +278,16 @@ class RunIndex:
         others: dict[str, list[tuple[str, str]]] = {}
         for identity, place, run in connection.execute(same):
             others.setdefault(identity, []).append((place, run))
-        notes = {}
+        notes: dict[tuple[str, str], str] = {}
         for row in strange:
             found = others.get(row.identity, [])
             if not row.present:
                 there = next((f"{place} {run}" for place, run in found), "")
-                notes[row.run] = f"moved to {there}" if there else VANISHED
-            elif (self.place, row.began_as) in found:
-                notes[row.run] = f"copy of {row.began_as}"
+                notes[row.place, row.run] = f"moved to {there}" if there else VANISHED
+            elif (row.place, row.began_as) in found:
+                notes[row.place, row.run] = f"copy of {row.began_as}"
             else:
-                notes[row.run] = f"renamed, began as {row.began_as}"
+                notes[row.place, row.run] = f"renamed, began as {row.began_as}"
         return notes
 
     def values(self, column: str) -> list[str]:
@@ -300,6 +308,13 @@ class RunIndex:
         )
         with self._read() as connection:
             return [Series(*row) for row in connection.execute(wanted)]
+
+    def runs_in(self, history: str) -> list[str]:
+        """The names of all runs that a history has, also of those that it cannot compare."""
+        of = HISTORIES.c
+        with self._read() as connection:
+            found = select(of.run).where(of.place == self.place, of.history == history).order_by(of.run)
+            return list(connection.execute(found).scalars())
 
     def entries(self, history: str, series: str) -> list[tuple[str, str]]:
         """Run and content (JSON) of the runs of a series, oldest first."""

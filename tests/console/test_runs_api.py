@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 
 from cellctl.console.commands import all_audited
+from cellctl.console.pages.runs import seconds_of_day
 from tests.helpers.arms import KR5_ERRORS, kr5_model
 from tests.helpers.console import TOKEN, ApiClient, api_client
 from tests.helpers.journals import run_in
@@ -152,3 +154,22 @@ def test_starting_a_process_needs_the_token_and_leaves_an_audit_line_with_its_ou
     assert line["outcome"] == job["state"]
     assert json.dumps(job)
     assert client.get("/api/jobs/999").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("day", "seconds"),
+    [
+        ("2026-11-28", ("2026-11-27T23:00:00", "2026-11-28T22:59:59")),
+        ("2026-10-25", ("2026-10-24T22:00:00", "2026-10-25T22:59:59")),  # summer time ends: 25 hours
+        ("2026", ("2026", "2026")),
+    ],
+)
+def test_a_day_of_the_list_is_one_of_the_consoles_own_zone(
+    day: str, seconds: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as zone:
+        zone.setenv("TZ", "Europe/Berlin")
+        time.tzset()
+        found = seconds_of_day(day)
+    time.tzset()
+    assert found == seconds

@@ -320,6 +320,20 @@ def test_a_server_serves_several_folders_and_knows_a_run_that_moved_between_them
     assert rebuild_index(other).runs == 3
 
 
+def test_the_list_of_all_hosts_says_of_each_run_where_it_is(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(VARIABLE, f"sqlite:///{tmp_path / 'shared.sqlite'}")
+    other = tmp_path / "other"
+    made_runs(other, robots=1, days=1, first_robot=7)
+    own, foreign = len(run_rows(runs)), len(run_rows(other))
+    for words, count in (((), own), (("--all-hosts",), own + foreign)):
+        app(["runs", "--runs", str(runs), "--json", "-", *words], standalone_mode=False)
+        listed = json.loads(capsys.readouterr().out)["runs"]
+        assert len(listed) == count
+    assert {run["place"].partition(":")[2] for run in listed} == {str(runs.resolve()), str(other.resolve())}
+
+
 @pytest.mark.long
 def test_server_and_process_killed_at_random_moments_lose_and_double_nothing(
     runs: Path, server: Server, monkeypatch: pytest.MonkeyPatch

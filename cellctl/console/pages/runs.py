@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from datetime import UTC, date, datetime, time, timedelta
 from typing import Any, final
 from urllib.parse import quote, urlencode
 
@@ -141,16 +142,17 @@ class _RunList:
         turned, asked = self._table.pagination, self._asked
         size = turned["rowsPerPage"]
         order = _ORDERS.get(turned["sortBy"], turned["sortBy"])
+        wanted = replace(asked, since=seconds_of_day(asked.since)[0], until=seconds_of_day(asked.until)[1])
 
         def read(index: RunIndex) -> tuple[list[FoundRun], int, int, dict[str, list[str]]]:
             found = index.page(
-                asked,
+                wanted,
                 offset=(turned["page"] - 1) * size,
                 limit=size,
                 order=order or "began",
                 descending=bool(turned["descending"]) or not order,
             )
-            return found, index.count(asked), index.count(), {name: index.values(name) for name in _CHOICES}
+            return found, index.count(wanted), index.count(), {name: index.values(name) for name in _CHOICES}
 
         found, count, total, values = await indexed(read, wait=False)
         if asked != self._asked:
@@ -176,6 +178,17 @@ class _RunList:
             f"href=/compare?{urlencode({'b': chosen[0], 'a': chosen[1]})}" if ready else "href=/compare"
         )
         self._compare.text = "Compare the two chosen runs" if ready else "Compare runs (choose two)"
+
+
+def seconds_of_day(day: str) -> tuple[str, str]:
+    """The first and the last second, UTC, of a day in the zone of the console's computer; as it is if it is no day."""
+    try:
+        begins = datetime.combine(date.fromisoformat(day), time())  # without a zone: that of the computer
+    except ValueError:
+        return day, day
+    ends = begins + timedelta(days=1, seconds=-1)
+    first, last = (f"{each.astimezone(UTC):%Y-%m-%dT%H:%M:%S}" for each in (begins, ends))
+    return first, last
 
 
 def _cells(row: RunSummary) -> dict[str, Any]:

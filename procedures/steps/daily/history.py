@@ -11,10 +11,14 @@ from typing import Any, Self, TypeAlias, final
 from cellctl.files import InputError
 from cellctl.journal import JournalError, RunStarted, RunState, fold, read_journal
 from cellctl.metrology import RIGID_AND_SCALE, ControlChart, control_chart, deviations, in_one_frame
+from cellctl.operations.campaign_services import runs_to_compare
 from procedures.steps.daily.rows import DailyPointsRow, DailyVerdict, DayPoints
 
 SECTION = DailyVerdict.SECTION[0]
 """A field that only results of this kind of campaign have."""
+
+HISTORY = "daily"
+"""The name of the history among those of all campaigns."""
 
 _Found: TypeAlias = "tuple[DailyCheck, DayPoints]"
 
@@ -114,7 +118,8 @@ def finished_checks(
 
     Name and reason of those that cannot be read are added to `left_out`.
     """
-    for journal in sorted(runs.glob("*/journal.sqlite")):
+    for name in runs_to_compare(runs, HISTORY):  # opening every journal of 75 000 runs takes a minute
+        journal = runs / name / "journal.sqlite"
         if but and journal.parent.resolve() == but.resolve():
             continue
         try:
