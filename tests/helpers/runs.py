@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
+import io
 import json
 import os
 import re
@@ -17,13 +18,15 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import chdir, closing, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 
+from cellctl.cli.exit_codes import exit_code_of
+from cellctl.cli.verbs import app
 from cellctl.engine import Mailbox, NobodyWatching, Outcome
 from cellctl.journal import RunState, fold, read_journal
 from cellctl.operations.campaign import load_campaign
@@ -208,8 +211,25 @@ def controller_states(eki: str) -> list[dict[str, str]]:
     return [dict(re.findall(r'(\w+)="([^"]*)"', stat)) for stat in re.findall(r"<Stat .*?</Stat>", text, re.DOTALL)]
 
 
-def cellctl(*arguments: str | Path, timeout: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
-    """Run the command line in a process of its own."""
+def cellctl(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run the command line as in a process of its own, from the project's folder; in this one: its imports take long.
+
+    That a process of its own ends with this exit code, output and signals has tests of its own.
+    """
+    words, texts = [str(word) for word in arguments], [io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2)]
+    with chdir(ROOT), redirect_stdout(texts[0]), redirect_stderr(texts[1]):
+        code = exit_code_of(lambda: app(words, standalone_mode=False))
+    out, err = (_written(text) for text in texts)
+    return subprocess.CompletedProcess(words, code, out, err)
+
+
+def _written(text: io.TextIOWrapper) -> str:
+    text.seek(0)
+    return text.read()
+
+
+def cellctl_process(*arguments: str | Path, timeout: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own, from the project's folder."""
     command = [sys.executable, "-m", "cellctl", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, cwd=ROOT)
 

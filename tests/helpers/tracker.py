@@ -60,7 +60,7 @@ NO_SCATTER = (0.0, 0.0, 0.0)
 
 HEAVY_CELL = ROOT / "procedures" / "papers" / "cells" / "heavy_robot_cell.yaml"
 CALIBRATION = ROOT / "procedures" / "papers" / "configuration_space_kriging.yaml"
-TARGETS = "../targets/heavy_robot.csv"
+TARGETS = HEAVY_CELL.parents[1] / "targets" / "heavy_robot.csv"
 """The poses of the paper's task workspace; its set `test` is in no fit."""
 MOST_MM, OVER_FLOOR = 0.15, 1.15
 """Demands on iterated methods: largest error, and RMS divided by the floor's."""
@@ -290,7 +290,7 @@ class Verified:
         return floor_ratio(self.after, self.floor)
 
 
-def calibrated(seed: int, folder: Path) -> Path:
+def calibrated(seed: int, folder: Path, cell: Path = HEAVY_CELL) -> Path:
     """The run folder of a calibration of the heavy-robot cell by `auto` from the 160 poses; an earlier one serves.
 
     Without the step that fits eight more models to compare them: `tests/papers` runs it.
@@ -300,11 +300,29 @@ def calibrated(seed: int, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     procedure = folder / CALIBRATION.name
     procedure.write_text(before + after[after.index("\n\n") :])
-    settings = ("--cell", HEAVY_CELL, "--seed", str(seed), "--set", "poses_test=6", "--set", "model=auto")
+    settings = (
+        "--cell",
+        cell,
+        f"--set=target_file={TARGETS}",
+        "--seed",
+        str(seed),
+        "--set",
+        "poses_test=6",
+        "--set",
+        "model=auto",
+    )
     return finished_run(folder / f"calibrated-{seed}", procedure, *settings)
 
 
-def verified(seed: int, model_run: Path, folder: Path, method: str, passes: int = 0, targets: int = 80) -> Path:
+def verified(
+    seed: int,
+    model_run: Path,
+    folder: Path,
+    method: str,
+    passes: int = 0,
+    targets: int = 80,
+    cell: Path = HEAVY_CELL,
+) -> Path:
     """The run folder of `compensate_and_verify` by `method`; an earlier one serves. passes: 0: until it converges."""
     settings = {
         "model_run": model_run,
@@ -316,4 +334,4 @@ def verified(seed: int, model_run: Path, folder: Path, method: str, passes: int 
     }
     given = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
     runs = folder / f"{method}-{passes or 'iterated'}-{seed}"
-    return finished_run(runs, "compensate_and_verify", "--cell", HEAVY_CELL, "--seed", str(seed), *given)
+    return finished_run(runs, "compensate_and_verify", "--cell", cell, "--seed", str(seed), *given)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from cellctl.formats import ModelFile
-from tests.helpers.runs import CELL, ROOT, cellctl
+from tests.helpers.runs import CELL, ROOT, cellctl_process
 from tests.helpers.simulated_data import volumetric_errors
 from tests.studies._runner import Row, Study, Table, each
 
@@ -41,7 +41,9 @@ def measure(seed: int, setup: str) -> Row:
         folder = Path(place)
         result_file = folder / "result.json"
         runs = ("--runs", folder / "runs", "--json", result_file)
-        done = cellctl("run", ROOT / "procedures" / f"{procedure}.yaml", "--seed", str(seed), *runs, timeout=600.0)
+        done = cellctl_process(
+            "run", ROOT / "procedures" / f"{procedure}.yaml", "--seed", str(seed), *runs, timeout=600.0
+        )
         if done.returncode not in (0, 1):
             raise RuntimeError(done.stderr)
         result = json.loads(result_file.read_text())

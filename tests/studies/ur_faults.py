@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cellctl.journal import fold, read_journal
-from tests.helpers.runs import ROOT, cellctl, faults, touches_procedure
+from tests.helpers.runs import ROOT, cellctl_process, faults, touches_procedure
 from tests.studies._runner import Row, Study, Table, each
 
 CELL = ROOT / "procedures" / "cells" / "ur10e_cell.yaml"
@@ -51,7 +51,9 @@ def measure(fault: str, moment: str) -> Row:
         text = text.replace("programs: ur10e_programs", f"programs: {CELL.parent}/ur10e_programs")
         cell = folder / "cell.yaml"
         cell.write_text(text.rstrip() + "\n" + faults(f"fault: {fault}{MOMENTS[moment]}{FAULTS[fault]}"))
-        done = cellctl("run", touches_procedure(folder), "--cell", cell, "--runs", folder / "runs", timeout=600.0)
+        done = cellctl_process(
+            "run", touches_procedure(folder), "--cell", cell, "--runs", folder / "runs", timeout=600.0
+        )
         journals = [fold(read_journal(file.parent)) for file in (folder / "runs").glob("*/journal.sqlite")]
         ended = [journal.ended for journal in journals if journal.ended]
     return {
