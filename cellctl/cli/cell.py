@@ -19,6 +19,7 @@ from cellctl.cli.exit_codes import Exit
 from cellctl.cli.run_progress import show_warnings
 from cellctl.clock import WallClock
 from cellctl.console.server import serve
+from cellctl.console.sessions import IDLE_MIN
 from cellctl.console.shared import Console, Settings
 from cellctl.console.webhook import checked_url
 from cellctl.devices.cell import Cell
@@ -204,6 +205,13 @@ def console(
         Path | None, typer.Option(help="Encrypt: file of the certificate with its chain, PEM. With --tls-key.")
     ] = None,
     tls_key: Annotated[Path | None, typer.Option(help="File of the certificate's private key, PEM.")] = None,
+    users: Annotated[
+        Path | None,
+        typer.Option(help="Let only the named users in this file in, each with a role: see `cellctl users`."),
+    ] = None,
+    idle_min: Annotated[
+        float, typer.Option(help="Time without use after which a user is signed out, min.", min=1.0)
+    ] = IDLE_MIN,
     webhook: Annotated[
         str,
         typer.Option(
@@ -217,14 +225,15 @@ def console(
     """Serve the operator's console and its JSON API until Ctrl-C.
 
     Runs go on when the console ends. Everybody who can open the page can read; commands need the token, which is
-    printed once at the start.
+    printed once at the start. With --users nobody reads or commands who has not signed in.
 
     Example: cellctl console --cell sphere_cell
     """
     if (tls_cert is None) != (tls_key is None):
         raise typer.BadParameter("--tls-cert and --tls-key go together")
     tls = (tls_cert, tls_key) if tls_cert and tls_key else None
-    serve(Settings(runs, cell, host, port, tls, checked_url(webhook) if webhook else ""), _announce)
+    url = checked_url(webhook) if webhook else ""
+    serve(Settings(runs, cell, host, port, tls, url, users, idle_min), _announce)
 
 
 def _announce(console: Console) -> None:
@@ -232,5 +241,8 @@ def _announce(console: Console) -> None:
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     address = f"{settings.scheme}://{host}:{settings.port}/"
     typer.echo(f"console   {address}  (runs in {settings.runs}; Ctrl-C ends it, not the runs)")
+    if settings.users:
+        typer.echo(f"users     {settings.users}")
+        return
     typer.echo(f"commands  {address}?token={console.sessions.token}")
     typer.echo(f"token     {console.sessions.token}")

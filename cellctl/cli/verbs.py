@@ -83,6 +83,7 @@ VERBS = {
         "Make a package with a driver, simulator, campaign, effect, row kind or compensation method of your own.",
     ),
     "console": Verb("cell", "console", "Serve the operator's console and its JSON API until Ctrl-C."),
+    "users": Verb("users", "app", "Add, remove and change the named users of a console."),
 }
 """In the order of work, as the help lists them."""
 

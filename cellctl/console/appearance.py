@@ -12,8 +12,10 @@ from typing import Any, Literal, TypeAlias, final
 from nicegui import ui
 
 from cellctl.clock import calendar_time
-from cellctl.console.guarding import nonce_of
+from cellctl.console.access import least_role
+from cellctl.console.guarding import nonce_of, session_of
 from cellctl.console.live import Snapshot
+from cellctl.console.shared import console
 from cellctl.files import Problem, grouped
 from cellctl.operations.run_list import RunEnd, RunSummary
 
@@ -179,12 +181,38 @@ def problem_list(problems: Iterable[Problem], line_of: Callable[[Problem], str] 
     return listed
 
 
+NOT_PERMITTED = "not-permitted"
+"""Class of a button whose command the role does not cover."""
+
+
 def command_button(
-    text: str, on_click: Callable[..., Any], *, icon: str = "", important: bool = False, dangerous: bool = False
+    text: str,
+    on_click: Callable[..., Any],
+    *,
+    icon: str = "",
+    important: bool = False,
+    dangerous: bool = False,
+    gives: str = "",
 ) -> ui.button:
-    """A button that gives a command. At most one important one in a view; a dangerous one asks before it acts."""
+    """A button that gives the command `gives` (of `access.COMMANDS`; empty: none): whose role does not cover that sees
+    it disabled, with the role that it needs. At most one important one in a view; a dangerous one asks before it acts.
+    """
     button = ui.button(text, on_click=on_click, icon=icon or None, color=None).props("no-caps unelevated")
-    return button.classes("command" + " important" * important + " dangerous" * dangerous)
+    button.classes("command" + " important" * important + " dangerous" * dangerous)
+    if gives and (why := why_not(gives)):
+        with button.classes(NOT_PERMITTED).props(f'title="This {why}."'):
+            ui.label(f"for role {least_role(gives)}").classes("needs-role")
+        button.set_enabled(False)
+    return button
+
+
+def why_not(command: str) -> str:
+    """Why the user of this page may not give `command`; empty if there is no such reason."""
+    try:
+        operator = session_of(ui.context.client.request.scope).operator
+    except RuntimeError:  # a client that no browser asked for
+        return ""
+    return console().sessions.why_not(operator, command)
 
 
 def link_button(text: str, target: str, *, icon: str = "", download: bool = False) -> ui.link:

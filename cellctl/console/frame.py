@@ -12,6 +12,7 @@ from nicegui import background_tasks, ui
 
 from cellctl.console.appearance import (
     CSS,
+    NOT_PERMITTED,
     command_button,
     escaped,
     head_script,
@@ -20,8 +21,9 @@ from cellctl.console.appearance import (
     state_word,
 )
 from cellctl.console.attention import SCRIPT, AlarmCount, Attention, sound_switch
-from cellctl.console.guarding import Session, session_of
+from cellctl.console.guarding import session_of
 from cellctl.console.jobs import Job
+from cellctl.console.sessions import Session
 from cellctl.console.shared import console
 from cellctl.devices import DeviceError
 from cellctl.engine import Operator
@@ -105,6 +107,7 @@ def frame(title: str, here: str) -> Iterator[None]:
     shown.append(Attention(f"{title} · cellctl").show)
     for show in shown:
         show()
+    _close_with_session()
     follow_event(lambda: [show() for show in shown], console().watch.subscribe, "alarms and what waits for a person")
     with ui.element("main").classes("page"):
         ui.html(tag="h1", content=escaped(title), sanitize=False)
@@ -115,19 +118,36 @@ def frame(title: str, here: str) -> Iterator[None]:
 
 @ui.refreshable
 def _who() -> None:
-    found = operator()
+    found, user = operator(), session().user
     if found:
         ui.icon("person").props("aria-hidden=true")
-        ui.label(found.name).props('aria-label="Operator"')
-        command_button("Leave", _leave)
+        ui.label(f"{found.name} ({user.role})" if user else found.name).props('aria-label="Operator"')
+        command_button("Sign out" if user else "Leave", _leave)
     else:
         ui.label("read only")
         command_button("Give commands", lambda: TokenDialog().open())
 
 
 def _leave() -> None:
-    session().operator = None
+    here = session()
+    if here.user is not None:
+        console().sessions.end(here)
+        return
+    here.operator, here.with_token = None, False
     _who.refresh()
+
+
+def _close_with_session() -> None:
+    """Load this page again when its user is signed out: that leads to the form."""
+    here, client = session(), ui.context.client
+    if here.user is None:
+        return
+
+    def reload() -> None:
+        client.run_javascript("location.reload()")
+
+    here.at_end.add(reload)
+    client.on_delete(lambda: here.at_end.discard(reload))
 
 
 @final
@@ -137,23 +157,33 @@ class TokenDialog:
     def __init__(self, then: Callable[[Operator], Awaitable[None] | None] | None = None) -> None:
         self._then = then
         with ui.dialog() as self._dialog, ui.card():
-            ui.label("Commands need the console's token").classes("section-title")
-            ui.label("The console printed it at its start, with its address.").classes("note")
+            self._title = ui.label().classes("section-title")
+            self._note = ui.label("The console printed it at its start, with its address.").classes("note")
             self._name = ui.input("Your name (for the record)").props("outlined dense autofocus").classes("wide")
             self._token = ui.input("Token", password=True).props("outlined dense").classes("wide")
-            self._token.on("keydown.enter", self._given)
+            for field in (self._name, self._token):
+                field.on("keydown.enter", self._given)
             with ui.element("div").classes("row"):
                 command_button("Give commands", self._given, important=True)
                 command_button("Cancel", self._dialog.close)
 
     def open(self) -> None:
-        """Show the dialog."""
+        """Show the dialog; a browser that has given the token is asked for the name alone."""
+        given = session().with_token
+        self._title.set_text("Commands bear your name" if given else "Commands need the console's token")
+        for part in (self._note, self._token):
+            part.set_visibility(not given)
         self._dialog.open()
 
     async def _given(self) -> None:
-        here = session()
-        if not console().sessions.open(here, self._token.value.strip(), self._name.value):
-            self._token.props("error error-message='This is not the token of this console.'")
+        here, token = session(), (self._token.value or "").strip()
+        right = here.with_token or console().sessions.allows(token)
+        for field, error in (
+            (self._token, not right and _WRONG_TOKEN),
+            (self._name, not self._name.value and _NO_NAME),
+        ):
+            field.props(f"error error-message='{error}'") if error else field.props(remove="error error-message")
+        if not console().sessions.open(here, token, self._name.value or ""):
             return
         self._dialog.close()
         _who.refresh()
@@ -163,9 +193,16 @@ class TokenDialog:
                 await waiting
 
 
+_WRONG_TOKEN = "This is not the token of this console."
+_NO_NAME = "State a name: commands bear it."
+
+
 async def with_operator(work: Callable[[Operator], Awaitable[None] | None]) -> None:
-    """Call `work` with the operator; asks for the token first if this browser has not given it."""
+    """Call `work` with the operator; asks for token and name first if this browser has not given them."""
     known = operator()
+    if known is None and console().sessions.users is not None:
+        ui.navigate.reload()  # to the form: the user was signed out
+        return
     if known is None:
         TokenDialog(work).open()
         return
@@ -272,8 +309,8 @@ def set_text(label: ui.label, text: str) -> None:
 
 
 def enable(button: ui.button, value: bool) -> None:
-    """Enable or disable a button; an unchanged one sends nothing."""
-    if button.enabled is not value:
+    """Enable or disable a button; an unchanged one sends nothing, and one that the role forbids stays disabled."""
+    if button.enabled is not value and NOT_PERMITTED not in button.classes:
         button.set_enabled(value)
 
 

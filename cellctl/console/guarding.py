@@ -1,15 +1,14 @@
-"""Sessions of browsers, the token for commands, and guards of every request: Host, Origin, size, headers.
+"""Guards of every request: Host, Origin, who asks, size, headers.
 
 Sources: OWASP Cross-Site Request Forgery Prevention ("Verifying Origin With Standard Headers"); RFC 6265bis (SameSite).
 """
 
 from __future__ import annotations
 
-import getpass
+import re
 import secrets
-import socket
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, MutableMapping
+from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, final
 from urllib.parse import parse_qs, urlencode, urlsplit
@@ -18,69 +17,24 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from cellctl.engine import Operator
-
-_MOST_SESSIONS = 1000
-
-
-@final
-@dataclass(slots=True)
-class Session:
-    """A browser. `operator`: who gives commands from it; None until the token was given."""
-
-    id: str
-    operator: Operator | None = None
-
-
-@final
-@dataclass(slots=True)
-class Sessions:
-    """The browsers of this console, in memory: they end with it. `token`: allows commands."""
-
-    token: str
-    _known: dict[str, Session] = field(default_factory=dict)
-
-    def of(self, number: str | None, *, keep: bool = True) -> Session:
-        """The session with this id; a new one for an unknown id. keep: the browser is told its id, and comes again."""
-        known = self._known.get(number or "")
-        if known is None:
-            known = Session(secrets.token_urlsafe(24))
-            if keep:
-                self._known[known.id] = known
-                self._forget()
-        return known
-
-    def _forget(self) -> None:
-        """Forget the oldest session that was not opened for commands, or else the oldest, if there are too many."""
-        if len(self._known) > _MOST_SESSIONS:
-            oldest = min(self._known.values(), key=lambda session: session.operator is not None)
-            del self._known[oldest.id]
-
-    def allows(self, token: str) -> bool:
-        """Whether `token` is the console's."""
-        return secrets.compare_digest(token.encode(errors="replace"), self.token.encode())
-
-    def open(self, session: Session, token: str, name: str = "") -> bool:
-        """Allow commands from `session` as `name` (empty: the user of this process) if the token is right."""
-        if not self.allows(token):
-            return False
-        session.operator = operator_named(name)
-        return True
-
-
-def operator_named(name: str) -> Operator:
-    """An operator at the console; an empty name is the user of this process. What is not printable is left out."""
-    plain = "".join(letter for letter in " ".join(name.split()) if letter.isprintable())
-    return Operator(plain[:80].strip() or getpass.getuser(), socket.gethostname(), "console")
-
+from cellctl.console.sessions import Session, Sessions
 
 LARGEST_BODY = 20_000_000
 """Bytes of a request's body; a data set of 20 MB has some 100 000 rows."""
 
+LARGEST_FORM = 10_000
+"""Bytes of a name and a password, which anybody may send."""
+
 NO_TOKEN = "this command needs the console's token"
+NO_USER = "only a user of this console may do this"
+
+SIGN_IN, STATE_NAME = "/login", "/name"
+"""Where a user signs in, and where who has brought the token states a name."""
 
 _SESSION = "cellctl.session"
 _NONCE = "cellctl.nonce"
+_USED = re.compile(r'42\d*\["event"')
+"""A socket's message that somebody did something on the page (Socket.IO: packet 4, event 2)."""
 _OWN = ("none", "same-origin")
 """Sec-Fetch-Site of requests by the console's own pages and by the address bar."""
 
@@ -108,6 +62,11 @@ def session_of(scope: Mapping[str, Any]) -> Session:
     found = scope[_SESSION]
     assert isinstance(found, Session)
     return found
+
+
+def change_session(scope: MutableMapping[str, Any], session: Session) -> None:
+    """Give the browser that sent this request another session: the answer tells it the id."""
+    scope[_SESSION] = session
 
 
 def nonce_of(scope: Mapping[str, Any]) -> str:
@@ -141,38 +100,72 @@ class Guard:
     scheme: str = "http"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or refuse: 421 wrong host, 401 a command without the token, 403 another site, 413 too large."""
+        """Answer, or refuse: 421 wrong host, 401 nobody who may, 403 another site, 413 too large."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        refusal = self._refusal(scope, headers)
-        if refusal:
+        if refusal := self._misplaced(scope, headers):
             await _refuse(scope, receive, send, *refusal)
             return
         scope[_SESSION] = session = self.sessions.of(_cookie(headers, self.cookie), keep=_is_page(scope))
+        if refusal := self._of_nobody(scope, headers, session) or self._too_long(scope, headers):
+            await _refuse(scope, receive, send, *refusal)
+            return
         if scope["type"] == "websocket":
-            await self.app(scope, receive, send)
+            await self.app(scope, self._while_signed_in(session, receive), send)
             return
         scope[_NONCE] = secrets.token_urlsafe(16)
-        answer = self._answering(scope, headers, session, send)
-        if (redirect := self._with_token(scope, session)) is not None:
+        answer = self._answering(scope, headers, send)
+        if (redirect := self._elsewhere(scope, session)) is not None:
             await redirect(scope, receive, answer)
             return
-        await _bounded(self.app, scope, receive, answer, self.largest_body)
+        if not scope["path"].startswith("/_nicegui"):  # what a page loads by itself
+            self.sessions.use(session)
+        await _bounded(self.app, scope, receive, answer, self._largest(scope))
 
-    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
+    def _largest(self, scope: Scope) -> int:
+        return LARGEST_FORM if scope["path"] in (SIGN_IN, STATE_NAME) else self.largest_body
+
+    def _misplaced(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
         host = headers.get("host", "").lower()
         if host not in self.names:
             return 421, "this console is not known by that name", f"open {self.scheme}://{sorted(self.names)[0]}"
         if self._of_another_site(scope, headers):
             return 403, "a page of another site sent this request", "use the console's own pages"
-        if _commands(scope) and not self.sessions.allows(_bearer(headers)):
-            return 401, NO_TOKEN, "send `Authorization: Bearer TOKEN`"
-        length = headers.get("content-length", "0")
-        if not length.isdecimal() or int(length) > self.largest_body:
-            return _too_large(self.largest_body)
         return None
+
+    def _too_long(self, scope: Scope, headers: Headers) -> tuple[int, str, str] | None:
+        length = headers.get("content-length", "0")
+        if length.isdecimal() and int(length) <= self._largest(scope):
+            return None
+        return _too_large(self._largest(scope))
+
+    def _of_nobody(self, scope: Scope, headers: Headers, session: Session) -> tuple[int, str, str] | None:
+        """A command of the API without a token; what nobody may read who is not signed in."""
+        if _commands(scope):
+            if self.sessions.of_program(_bearer(headers)):
+                return None
+            if self.sessions.users is None:
+                return 401, NO_TOKEN, "send `Authorization: Bearer TOKEN`"
+            return 401, NO_USER, "send `Authorization: Bearer TOKEN`, a token of `cellctl users token`"
+        if self.sessions.may_read(session) or _is_page(scope) or self.sessions.of_program(_bearer(headers)):
+            return None
+        return 401, NO_USER, f"sign in at {SIGN_IN}, or send `Authorization: Bearer TOKEN`"
+
+    def _while_signed_in(self, session: Session, receive: Receive) -> Receive:
+        """`receive` of a page's socket, which ends when the page's user is signed out."""
+
+        async def received() -> Message:
+            message = await receive()
+            if message["type"] == "websocket.receive":
+                if not self.sessions.may_read(session):
+                    return {"type": "websocket.disconnect", "code": 1008}
+                if _USED.match(message.get("text") or ""):
+                    self.sessions.use(session)
+            return message
+
+        return received
 
     def _of_another_site(self, scope: Scope, headers: Headers) -> bool:
         """Another site may link to the console's pages; it may not send, frame, embed, or read anything of it."""
@@ -184,23 +177,39 @@ class Guard:
         shown = (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest")) == ("navigate", "document")
         return not (shown and scope["type"] == "http" and scope["method"] == "GET")
 
-    def _with_token(self, scope: Scope, session: Session) -> ASGIApp | None:
-        """For a page opened with `?token=`: the session is opened, and the address is shown without the token."""
+    def _elsewhere(self, scope: Scope, session: Session) -> ASGIApp | None:
+        """Where a browser goes before it gets a page: who is not signed in to `SIGN_IN`; who opens the address with
+        `?token=` to the same without it, by `STATE_NAME` if no name is stated yet.
+        """
         path, query = scope["path"], parse_qs(scope["query_string"].decode(errors="replace"))
-        if "token" not in query or scope["method"] != "GET" or not _is_page(scope):
+        if not _is_page(scope) or path == SIGN_IN:
             return None
-        if not self.sessions.open(session, query.pop("token")[0]):
-            return _failure(
-                403, "the token in the address is wrong", "copy the address that the console printed at its start"
-            )
-        left = urlencode(query, doseq=True)
-        return RedirectResponse(f"/{path.lstrip('/')}{'?' if left else ''}{left}", 303)
+        if not self.sessions.may_read(session):
+            if scope["method"] not in ("GET", "HEAD"):
+                return _failure(401, NO_USER, f"sign in at {SIGN_IN}")
+            query.pop("token", None)
+            return _to_form(SIGN_IN, _address(path, query))
+        if "token" not in query or scope["method"] != "GET":
+            return None
+        token = query.pop("token")[0]
+        if self.sessions.users is not None:
+            return _to(_address(path, query))
+        opened = self.sessions.invited(session, token)
+        if opened is None:
+            cure = "copy the address that the console printed at its start"
+            return _failure(403, "the token in the address is wrong", cure)
+        change_session(scope, opened)
+        there = _address(path, query)
+        return _to(there) if opened.operator else _to_form(STATE_NAME, there)
 
-    def _answering(self, scope: Scope, headers: Headers, session: Session, send: Send) -> Send:
-        known = _cookie(headers, self.cookie) == session.id
-        # a browser that follows a link of another site keeps its cookie to itself (Strict): do not replace that one
-        linked = headers.get("sec-fetch-site", "none") not in _OWN and session.operator is None
-        told = _is_page(scope) and not known and not linked
+    def _answering(self, scope: Scope, headers: Headers, send: Send) -> Send:
+        came_with = _cookie(headers, self.cookie)
+
+        def is_told(session: Session) -> bool:
+            # a browser that follows a link of another site keeps its cookie to itself (Strict): do not replace that one
+            linked = headers.get("sec-fetch-site", "none") not in _OWN and session.operator is None
+            kept = self.sessions.users is None or session.user is not None
+            return _is_page(scope) and kept and came_with != session.id and not linked
 
         async def answer(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -209,12 +218,26 @@ class Guard:
                 for name, value in {**_HEADERS, "content-security-policy": policy}.items():
                     if name not in out:
                         out[name] = value
-                if told:
+                if is_told(session := session_of(scope)):
                     secure = "; Secure" if self.scheme == "https" else ""
                     out.append("set-cookie", f"{self.cookie}={session.id}; Path=/; HttpOnly; SameSite=Strict{secure}")
             await send(message)
 
         return answer
+
+
+def _address(path: str, query: Mapping[str, list[str]]) -> str:
+    """An address of this console: one slash at its beginning, so that it names no other site."""
+    left = urlencode(query, doseq=True)
+    return f"/{path.lstrip('/')}{'?' if left else ''}{left}"
+
+
+def _to(address: str) -> ASGIApp:
+    return RedirectResponse(address, 303)
+
+
+def _to_form(form: str, then: str) -> ASGIApp:
+    return _to(f"{form}?{urlencode({'to': then})}")
 
 
 def _is_page(scope: Scope) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import os
 import re
 import secrets
@@ -20,11 +21,14 @@ from starlette.templating import Jinja2Templates
 from starlette.types import ASGIApp
 
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
-from cellctl.console.guarding import LARGEST_BODY, Guard, Sessions, names_of
+from cellctl.console.guarding import LARGEST_BODY, Guard, names_of
 from cellctl.console.live import LiveRuns
 from cellctl.console.overview import calibration_causes, known_cells, rows_of_cells
 from cellctl.console.scene.run_points import installed_sources
+from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Audit, Console, Settings, use
+from cellctl.console.signing_in import router as signing_in
+from cellctl.console.users import UsersFile, read_users
 from cellctl.console.watching import Watch
 from cellctl.files import InputError, Problem
 from cellctl.version import __version__
@@ -54,7 +58,9 @@ PAGES = (
 
 def new_console(settings: Settings, token: str = "") -> Console:
     """The state of a console. `token`: empty for a new, random one (128 bits)."""
-    sessions, live = Sessions(token or secrets.token_urlsafe(16)), LiveRuns(settings.runs)
+    users = UsersFile(settings.users) if settings.users else None
+    sessions = Sessions(token or secrets.token_urlsafe(16), users, settings.idle_min * 60.0)
+    live = LiveRuns(settings.runs)
     watch = Watch(settings.runs)
     watch.cells_due = lambda index: calibration_causes(known_cells(settings.cell, rows_of_cells(index)))
     return Console(settings, sessions, Audit(settings.runs), live, watch)
@@ -82,6 +88,7 @@ def api_app(console: Console) -> FastAPI:
         lifespan=lifespan,
     )
     answer_errors(app)
+    app.include_router(signing_in)
     for name in ROUTERS:
         app.include_router(import_module(f"cellctl.console.api.{name}").router)
     answer_unknown(app)
@@ -148,14 +155,16 @@ _FAVICON = (
 def serve(settings: Settings, announce: Callable[[Console], None], token: str = "") -> None:
     """Serve the console until Ctrl-C or SIGTERM. `announce` is called when it listens.
 
-    Raises InputError if the address is no single address of this machine, or its port is taken, and for files of a
-    certificate that cannot be used.
+    Raises InputError if the address is no single address of this machine, or its port is taken; for files of a
+    certificate or of users that cannot be used; and for users at another address than loopback without encryption.
     """
     import uvicorn  # it takes a second, and configures itself
 
     certificate, key = settings.tls or (None, None)
     if settings.tls:
         _check_certificate(*settings.tls)
+    if settings.users:
+        read_users(settings.users)
     listening = _listening(settings)
     console = new_console(settings, token)
     app = console_app(console)
@@ -168,6 +177,7 @@ def serve(settings: Settings, announce: Callable[[Console], None], token: str = 
         ssl_keyfile=key,
     )
     try:
+        refuse_open_passwords(settings, listening.getsockname()[0])
         announce(console)
         uvicorn.Server(config).run(sockets=[listening])
     except KeyboardInterrupt:  # Ctrl-C is how a console ends
@@ -187,6 +197,14 @@ def _check_certificate(certificate: Path, key: Path) -> None:
         what = f"cannot be used as certificate and private key: {error.strerror or error}"
         cure = "give PEM files: the certificate with its chain, and its key without a password"
         raise InputError(Problem(f"{certificate}, {key}", 0, 0, what, cure)) from error
+
+
+def refuse_open_passwords(settings: Settings, address: str) -> None:
+    """Raises InputError if users would send their passwords to `address` over a network without encryption."""
+    if settings.users and not settings.tls and not ipaddress.ip_address(address.partition("%")[0]).is_loopback:
+        what = "passwords would cross the network without encryption"
+        cure = "give --tls-cert and --tls-key; or listen at 127.0.0.1, and forward the port by ssh"
+        raise InputError(Problem(f"--users {settings.users} --host {address}", 0, 0, what, cure))
 
 
 def _listening(settings: Settings) -> socket.socket:

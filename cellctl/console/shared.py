@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, TypeVar, final
 
 from cellctl.clock import calendar_time
-from cellctl.console.guarding import Sessions
 from cellctl.console.jobs import Jobs
 from cellctl.console.live import LiveRuns
+from cellctl.console.sessions import IDLE_MIN, Sessions
 from cellctl.console.watching import Watch
 from cellctl.console.webhook import Webhook
 from cellctl.engine import Operator
@@ -81,6 +81,8 @@ class Settings:
 
     tls: files of the certificate (with its chain) and of its private key, PEM; None: not encrypted.
     webhook: the address that events are sent to, which may hold a secret; empty: none.
+    users: the file of the named users; None: the token allows commands. idle_min: time without use after which they are
+    signed out, min.
     """
 
     runs: Path
@@ -89,6 +91,8 @@ class Settings:
     port: int = 8090
     tls: tuple[Path, Path] | None = None
     webhook: str = field(default="", repr=False)
+    users: Path | None = None
+    idle_min: float = IDLE_MIN
 
     @property
     def scheme(self) -> str:
@@ -120,6 +124,8 @@ class Console:
         """Inside this context, follow the runs of the folder."""
         async with self.live.following():
             tasks = [asyncio.create_task(self.watch.run(self.live), name="alarms and queue")]
+            if self.settings.users:
+                tasks.append(asyncio.create_task(self.sessions.end_in_time(), name="ends of sessions"))
             if self.settings.webhook:
                 webhook = Webhook(self.settings.webhook, self.watch.host)
                 self.watch.events.subscribe(webhook.put)
@@ -137,11 +143,12 @@ class Console:
     ) -> T:
         """Carry out `work`, the command `name` for `target`, with its lines in the audit log.
 
-        Work that the end of the console cancels gets no second line. Raises what `work` raises; OSError, before the
-        work, if the audit log cannot be written.
+        Work that the end of the console cancels gets no second line. Raises NotAllowed if the operator's role does not
+        cover the command; what `work` raises; OSError, before the work, if the audit log cannot be written.
         """
         number = await asyncio.to_thread(self.audit.asked, operator, name, target, details)
         try:
+            self.sessions.refuse(operator, name)
             result = await work()
         except Exception as error:
             await asyncio.to_thread(self.audit.ended, number, str(error) or type(error).__name__)

@@ -32,7 +32,6 @@ class Problem:
         return f"{place}: {self.what}{cure}"
 
 
-@final
 class InputError(Exception):
     """The user's input is invalid; nothing was written. The command line ends with exit code 2.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cellctl.console.alarms import FILE_NAME, AlarmLog, Cause
-from cellctl.console.guarding import operator_named
+from cellctl.console.sessions import operator_named
 from cellctl.files import InputError
 
 DEVICE = Cause("device", "device:hall7:probe", "probe: no answer", "check its cable", "hall7", "run-1")

@@ -47,7 +47,7 @@ def test_a_refused_file_is_read_again_with_the_answers_that_the_page_asks_for(tm
     with console_process(tmp_path / "runs") as console, browser() as chromium:
         page = chromium.new_page(viewport={"width": 1024, "height": 400})
         page.set_default_timeout(TIME_MS)
-        page.goto(console.command_url)
+        console.open_for_commands(page)
         choose(page, data)
         page.get_by_role("alert").get_by_text("‘Columns of the file’").wait_for()
         named = ",".join(f"A{number}={own}" for number, own in enumerate(JOINTS, 1))
@@ -74,7 +74,7 @@ def test_an_upload_and_one_button_lead_to_verdict_report_and_downloads(tmp_path:
         context.on("request", lambda request: requested.add(request.url))
         context.set_default_timeout(TIME_MS)
         page, other = context.new_page(), context.new_page()
-        page.goto(console.command_url)
+        console.open_for_commands(page)
         choose(page, tmp_path / "picture.csv")
         assert page.get_by_role("alert").inner_text().split("\n")[:2] == ["picture.csv", "is not text"]
         choose(page, large)
@@ -114,7 +114,7 @@ def test_one_click_analyses_the_simulated_example(tmp_path: Path) -> None:
     with console_process(tmp_path / "runs") as console, browser() as chromium:
         page = chromium.new_page()
         page.set_default_timeout(TIME_MS)
-        page.goto(console.command_url)
+        console.open_for_commands(page)
         page.get_by_text("no real robot").wait_for()
         page.get_by_role("button", name="Try it with simulated data").click()
         page.wait_for_url("**/analyse/simulated_kr5_r1400-*")

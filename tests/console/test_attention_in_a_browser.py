@@ -32,7 +32,7 @@ def page(served: tuple[ConsoleProcess, WrittenRun]) -> Iterator[Any]:
     with browser() as chromium:
         page = chromium.new_page(viewport={"width": 1360, "height": 800})
         page.set_default_timeout(PATIENCE_MS)
-        page.goto(served[0].command_url)
+        served[0].open_for_commands(page)
         yield page
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.console.guarding import operator_named
 from cellctl.console.server import new_console
+from cellctl.console.sessions import operator_named
 from cellctl.console.shared import FILE_NAME, Settings
 
 

@@ -108,7 +108,7 @@ def test_each_page_is_used_by_keyboard_alone_and_fits_a_tablet_and_no_state_is_a
         page = chromium.new_page(viewport={"width": 1024, "height": 768})
         page.set_default_timeout(PATIENCE_MS)
         page.add_init_script(_REFUSED)
-        page.goto(served.command_url)
+        served.open_for_commands(page)
         for place in PAGES:
             page.goto(served.url + place)
             page.get_by_text("No button of this console").wait_for()

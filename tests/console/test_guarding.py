@@ -8,7 +8,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
-from cellctl.console.guarding import Guard, Sessions, names_of, operator_named, session_of
+from cellctl.console.guarding import Guard, names_of, session_of
+from cellctl.console.sessions import Sessions, operator_named
 
 HERE = "http://127.0.0.1:8090"
 
@@ -19,8 +20,8 @@ async def _echo(scope: Scope, receive: Receive, send: Send) -> None:
     await PlainTextResponse(f"{len(body)} bytes, {operator.name if operator else 'reader'}")(scope, receive, send)
 
 
-def _client(**options) -> httpx.AsyncClient:
-    guard = Guard(_echo, names_of("127.0.0.1", 8090), Sessions("secret"), "session", **options)
+def _client(sessions: Sessions | None = None, **options) -> httpx.AsyncClient:
+    guard = Guard(_echo, names_of("127.0.0.1", 8090), sessions or Sessions("secret"), "session", **options)
     return httpx.AsyncClient(transport=httpx.ASGITransport(guard), base_url=HERE)
 
 
@@ -97,17 +98,22 @@ def test_a_body_that_is_too_large_is_refused_with_the_limit(stated: bool) -> Non
     assert "2 MB" in refused.json()["what"]
 
 
-def test_the_token_in_the_address_opens_this_browser_for_commands_and_disappears_from_the_address() -> None:
+def test_the_token_in_the_address_disappears_from_it_and_opens_this_browser_once_it_has_stated_a_name() -> None:
     async def work():
-        async with _client() as client:
+        async with _client(sessions=sessions) as client:
             opened = await client.get("/runs?token=secret&search=a")
-            return opened, (await client.get("/runs")).text, (await _answer("GET", "/runs")).text
+            nameless, session = await client.get("/runs"), next(iter(sessions._known.values()))
+            assert not sessions.open(session, "", " ")
+            assert sessions.open(session, "", "Ada")
+            return opened, nameless.text, (await client.get("/runs")).text, (await _answer("GET", "/runs")).text
 
-    opened, mine, of_another = run(work())
-    assert (opened.status_code, opened.headers["location"]) == (303, "/runs?search=a")
+    sessions = Sessions("secret")
+    opened, nameless, mine, of_another = run(work())
+    assert (opened.status_code, opened.headers["location"]) == (303, "/name?to=%2Fruns%3Fsearch%3Da")
     assert "HttpOnly" in opened.headers["set-cookie"]
     assert "SameSite=Strict" in opened.headers["set-cookie"]
-    assert "reader" not in mine
+    assert "reader" in nameless
+    assert "Ada" in mine
     assert "reader" in of_another
 
 
@@ -163,7 +169,9 @@ def test_programs_that_ask_the_api_again_and_again_do_not_push_out_a_browser() -
 
 
 def test_an_address_with_a_token_leads_to_no_other_site() -> None:
-    assert run(_answer("GET", f"{HERE}//evil.example/?token=secret")).headers["location"] == "/evil.example/"
+    assert (
+        run(_answer("GET", f"{HERE}//evil.example/?token=secret")).headers["location"] == "/name?to=%2Fevil.example%2F"
+    )
 
 
 @pytest.mark.parametrize("length", ["-1", "1e9", "x"])

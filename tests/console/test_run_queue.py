@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from cellctl.console.guarding import operator_named
 from cellctl.console.run_queue import FILE_NAME, Planned, RunQueue
+from cellctl.console.sessions import operator_named
 from cellctl.files import InputError
 
 ADA = operator_named("Ada")

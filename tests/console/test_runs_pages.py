@@ -53,7 +53,7 @@ def page(served: ConsoleProcess) -> Iterator[Any]:
     with browser() as chromium:
         page = chromium.new_page(viewport={"width": 1440, "height": 900})
         page.set_default_timeout(PATIENCE_MS)
-        page.goto(served.command_url)
+        served.open_for_commands(page)
         yield page
 
 

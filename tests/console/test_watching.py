@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from cellctl.console import watching
-from cellctl.console.guarding import operator_named
 from cellctl.console.live import LiveRuns
 from cellctl.console.overview import calibration_causes, known_cells, rows_of_cells
 from cellctl.console.run_queue import PATIENCE, Planned
+from cellctl.console.sessions import operator_named
 from cellctl.console.watching import Watch
 from cellctl.journal import (
     DeviceHealth,

@@ -47,7 +47,7 @@ TOKEN = "secret"
 
 @dataclass(frozen=True)
 class ConsoleProcess:
-    """A running console: its process, address (`http://127.0.0.1:PORT`), token and runs folder."""
+    """A running console: its process, address (`http://127.0.0.1:PORT`), token (or file of users) and runs folder."""
 
     process: subprocess.Popen[str]
     url: str
@@ -58,6 +58,14 @@ class ConsoleProcess:
     def command_url(self) -> str:
         """The address whose browser may give commands."""
         return f"{self.url}/?token={self.token}"
+
+    def open_for_commands(self, page: Any, name: str = "Ada") -> None:
+        """Open `command_url`, and state a name if this browser has stated none."""
+        page.goto(self.command_url)
+        if page.get_by_label("Your name").count():
+            page.get_by_label("Your name").fill(name)
+            page.get_by_label("Your name").press("Enter")
+            page.wait_for_url(lambda url: "/name" not in url)
 
 
 def free_port() -> int:
@@ -86,7 +94,7 @@ def console_process(runs: Path, *options: str, port: int = 0, folder: Path | Non
 def _started(process: subprocess.Popen[str], port: int, runs: Path, log: Any) -> ConsoleProcess:
     assert process.stdout
     for line in process.stdout:
-        if found := re.match(r"token +(\S+)", line):
+        if found := re.match(r"(?:token|users) +(\S+)", line):
             return ConsoleProcess(process, f"http://127.0.0.1:{port}", found[1], runs)
     log.seek(0)
     raise AssertionError(f"the console ended at its start: {log.read()}")

@@ -30,7 +30,7 @@ def main(words: Sequence[str]) -> None:
         runs = Path(place) / "runs"
         with console_process(runs, "--cell", "sphere_cell") as console:
             page = chromium.new_page(viewport={"width": _WIDTH, "height": 860})
-            page.goto(console.command_url)
+            console.open_for_commands(page)
             _views(page, console, folder)
 
 

@@ -15,7 +15,8 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
 
-from cellctl.console.guarding import NO_TOKEN, operator_named
+from cellctl.console.access import ROUTES, NotAllowed
+from cellctl.console.guarding import NO_TOKEN, NO_USER
 from cellctl.console.shared import console
 from cellctl.devices import DeviceError
 from cellctl.engine import Operator
@@ -104,16 +105,25 @@ class Refused(Exception):
         super().__init__(what)
 
 
-_bearer = HTTPBearer(auto_error=False, description="The token that the console printed at its start.")
+_bearer = HTTPBearer(auto_error=False, description="The token that the console printed, or a user's.")
 
 
-def _operator(
+async def _operator(
+    request: Request,
     token: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
-    x_operator: Annotated[str, Header(description="Name of the person who gives the command")] = "",
+    x_operator: Annotated[str, Header(description="Who gives the command; with named users, the token says that")] = "",
 ) -> Operator:
-    if token is None or not console().sessions.allows(token.credentials):
-        raise Refused(401, NO_TOKEN, "send `Authorization: Bearer TOKEN`")
-    return operator_named(_decoded(x_operator))
+    sessions = console().sessions
+    operator = sessions.of_program(token.credentials, _decoded(x_operator)) if token else None
+    if operator is None:
+        raise Refused(401, NO_USER if sessions.users else NO_TOKEN, "send `Authorization: Bearer TOKEN`")
+    command = ROUTES.get(f"{request.method} {request.scope['route'].path}", "")
+    if sessions.why_not(operator, command):
+        await console().command(operator, command, request.url.path, _nothing)  # it is recorded, and refused
+    return operator
+
+
+async def _nothing() -> None: ...
 
 
 def _decoded(header: str) -> str:
@@ -130,6 +140,7 @@ Commander = Annotated[Operator, Depends(_operator)]
 _METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 _WORDS = {
     401: "No token, or a wrong one",
+    403: "The user's role does not cover this",
     404: "No such thing",
     409: "Not possible now",
     413: "Upload too large",
@@ -162,6 +173,10 @@ def answer_errors(app: FastAPI) -> None:
     async def _(request: Request, error: Refused) -> JSONResponse:
         headers = {"www-authenticate": "Bearer"} if error.status == 401 else None
         return _failure(error.status, error.what, error.cure, headers)
+
+    @app.exception_handler(NotAllowed)
+    async def _(request: Request, error: NotAllowed) -> JSONResponse:
+        return _failure(403, error.problems[0].what, error.problems[0].cure)
 
     @app.exception_handler(InputError)
     @app.exception_handler(DeviceError)

@@ -79,7 +79,7 @@ class _AlarmsPage:
         return [shown_time(alarm.raised), alarm.cell or "–", _what(alarm), _cure(alarm), seen]
 
     def _button(self, alarm: Alarm) -> None:
-        button = command_button("Acknowledge …", lambda: self._ask(alarm))
+        button = command_button("Acknowledge …", lambda: self._ask(alarm), gives="acknowledge")
         button.props(f'aria-label="Acknowledge: {_attribute(alarm.what)}"')
 
     async def _ask(self, alarm: Alarm) -> None:

@@ -63,15 +63,15 @@ def drop_zone(title: str, note: str, on_files: Handler, on_rejected: Handler) ->
         ui.icon("upload_file", size="2.2rem").props("aria-hidden=true")
         ui.label(title).classes("title")
         ui.label(note).classes("note").style("max-width: 46rem")
-        _choose(zone, "Choose files")
+        _choose(zone, "Choose files", "upload")
     return zone
 
 
-def upload_button(text: str, on_files: Handler, on_rejected: Handler) -> ui.upload:
-    """A button that opens the file dialog."""
+def upload_button(text: str, gives: str, on_files: Handler, on_rejected: Handler) -> ui.upload:
+    """A button that opens the file dialog, for the command `gives`."""
     zone = _uploader(on_files, on_rejected).classes("quiet-upload")
     with zone.add_slot("header"):
-        _choose(zone, text)
+        _choose(zone, text, gives)
     return zone
 
 
@@ -90,9 +90,9 @@ def _uploader(on_files: Handler, on_rejected: Handler) -> ui.upload:
     )
 
 
-def _choose(zone: ui.upload, text: str) -> None:
+def _choose(zone: ui.upload, text: str, gives: str) -> None:
     ui.element("q-uploader-add-trigger").style("display: none")  # the file field that `pickFiles` opens
-    button = command_button(text, lambda: None, icon="folder_open")
+    button = command_button(text, lambda: None, icon="folder_open", gives=gives)
     button.on("click", js_handler=f"() => getElement({zone.id}).$refs.qRef.pickFiles()")
 
 
@@ -244,7 +244,9 @@ class _Example:
 
     def __init__(self) -> None:
         with ui.element("div").classes("row"):
-            self._button = command_button("Try it with simulated data", lambda: self._commands.give(self._load))
+            self._button = command_button(
+                "Try it with simulated data", lambda: self._commands.give(self._load), gives="upload"
+            )
             ui.label("100 positions of a simulated KUKA KR5 R1400 with errors of its own: no real robot.").classes(
                 "note"
             )

@@ -20,9 +20,10 @@ from cellctl.console.appearance import (
     problem_list,
     section,
     state_word,
+    why_not,
     words,
 )
-from cellctl.console.frame import follow_event, frame, not_there, show_problems, with_operator
+from cellctl.console.frame import enable, follow_event, frame, not_there, show_problems, with_operator
 from cellctl.console.jobs import Job
 from cellctl.console.pages.analyse import REPEATABILITY, STATES, names_fields, upload_button, upload_of
 from cellctl.console.shared import console
@@ -152,7 +153,7 @@ def robot_choice(shown: Shown, choose: Callable[[str], Awaitable[None]], *, enab
             await choose(event.value)
 
     field = ui.select(options, label=label, with_input=True, value=state.library or None, on_change=chosen)
-    field.props("outlined dense").style("max-width: 28rem").set_enabled(enabled)
+    field.props("outlined dense").style("max-width: 28rem").set_enabled(enabled and not why_not("choose robot"))
     if found:
         ui.label(found.sentence).classes("note")
 
@@ -363,7 +364,7 @@ class _Page:
             programs(state, self._compensate_field)
             report(state)
         with ui.element("div").classes("row"):
-            command_button("Delete this analysis", self._ask_delete, icon="delete", dangerous=True)
+            command_button("Delete this analysis", self._ask_delete, icon="delete", dangerous=True, gives="delete")
 
     def _progress(self) -> None:
         with ui.element("div").classes("fit-progress").props("role=status") as row:
@@ -378,20 +379,22 @@ class _Page:
         with section("Robot and fit"):
             robot_choice(shown, self._choose_robot, enabled=not busy)
             with ui.element("div").classes("row") as own:
-                upload_button("Own robot file or URDF", self._robot_file, self._too_large)
+                upload_button("Own robot file or URDF", "choose robot", self._robot_file, self._too_large)
                 self._repeatability = ui.input(REPEATABILITY).props("outlined dense").style("min-width: 19rem")
             own.set_visibility(not busy)
             self._options = Options(state.settings)
             with ui.element("div").classes("row"):
                 label = "Fit again" if state.outcome else "Fit"
-                fit = command_button(label, lambda: with_operator(self._fit), icon="play_arrow", important=not busy)
-                fit.set_enabled(bool(state.robot) and not busy)
+                fit = command_button(
+                    label, lambda: with_operator(self._fit), icon="play_arrow", important=not busy, gives="fit"
+                )
+                enable(fit, bool(state.robot) and not busy)
                 if busy:
-                    command_button("Cancel", lambda: with_operator(self._cancel), icon="close")
+                    command_button("Cancel", lambda: with_operator(self._cancel), icon="close", gives="cancel")
 
     def _compensate_field(self) -> None:
         self._program_options = ProgramOptions()
-        upload_button("Choose program or targets", self._program, self._too_large)
+        upload_button("Choose program or targets", "compensate", self._program, self._too_large)
 
     async def _fit(self, here: Operator) -> None:
         await self._try(lambda: commands.start_fit(here, self._name, self._options.settings()))

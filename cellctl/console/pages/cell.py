@@ -84,7 +84,9 @@ class _CellPage:
         self._doctor: Examination | None = None
         self._last: tuple[str, RunState] | None = None
         with ui.element("div").classes("row"):
-            self._examine = command_button("Examine devices", self._on_examine, icon="troubleshoot", important=True)
+            self._examine = command_button(
+                "Examine devices", self._on_examine, icon="troubleshoot", important=True, gives="doctor"
+            )
             self._working = ui.label("Connecting to each device …").props("role=status")
             self._run = link_button("Open the run", "/run")
         self._commands = Commands()

@@ -94,8 +94,9 @@ class _JobsPage:
                         partial(self._confirm, entry),
                         icon="play_arrow",
                         important=True,
+                        gives="start",
                     )
-                    command_button("Remove", partial(self._change, "remove", entry.id))
+                    command_button("Remove", partial(self._change, "remove", entry.id), gives="queue remove")
 
     def _is_own(self, found: QueuedRun | Schedule) -> bool:
         own = found.host == console().watch.host
@@ -134,8 +135,10 @@ class _JobsPage:
                 return
             with ui.element("div").classes("row"):
                 if entry.state == "lapsed":
-                    command_button("Offer again", lambda: self._change("offer again", entry.id))
-                command_button("Remove", lambda: self._change("remove", entry.id))
+                    command_button(
+                        "Offer again", lambda: self._change("offer again", entry.id), gives="queue offer again"
+                    )
+                command_button("Remove", lambda: self._change("remove", entry.id), gives="queue remove")
 
         return draw
 
@@ -152,7 +155,7 @@ class _JobsPage:
     def _end(self, schedule: Schedule) -> Cell:
         def draw() -> None:
             if self._is_own(schedule):
-                command_button("End", lambda: self._change("unschedule", schedule.id))
+                command_button("End", lambda: self._change("unschedule", schedule.id), gives="queue unschedule")
 
         return draw
 

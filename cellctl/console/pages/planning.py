@@ -8,7 +8,7 @@ from typing import final
 from nicegui import ui
 
 from cellctl.console import queue_commands
-from cellctl.console.appearance import command_button
+from cellctl.console.appearance import command_button, why_not
 from cellctl.console.frame import answer_of
 from cellctl.console.run_queue import Planned
 from cellctl.engine import Operator
@@ -39,7 +39,10 @@ async def asked_plan() -> Plan | None:
     with ui.dialog().props('aria-label="Plan this run"') as dialog, ui.card():
         ui.label("Plan this run").classes("section-title")
         ui.label("It is offered on the page Jobs, and starts when a person at the cell confirms within 10 minutes.")
-        when = ui.radio([_FREE, _CLOCK], value=_FREE).props('aria-label="When"')
+        refused = why_not("schedule")
+        when = ui.radio([_FREE] if refused else [_FREE, _CLOCK], value=_FREE).props('aria-label="When"')
+        if refused:
+            ui.label(f"A schedule {refused}.").classes("note")
         with ui.element("div").classes("section") as clock:
             at = ui.input("Time", value="06:00").props("outlined dense type=time stack-label")
             with ui.element("div").classes("row").props('role=group aria-label="Days"'):

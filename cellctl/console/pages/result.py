@@ -147,7 +147,9 @@ class _Replay:
         note = "Computes data set, model and table again from the journal alone, and compares them with the record."
         with section("Replay", note=note):
             with ui.element("div").classes("row"):
-                self._button = command_button("Replay", lambda: with_operator(self._start), icon="replay")
+                self._button = command_button(
+                    "Replay", lambda: with_operator(self._start), icon="replay", gives="replay"
+                )
             self._view = JobView(self._show)
 
     async def _start(self, operator: Operator) -> None:
@@ -189,7 +191,7 @@ class _Report:
     def _missing(self) -> None:
         ui.label("This run has no report yet.").classes("note")
         with ui.element("div").classes("row"):
-            command_button("Write the report", lambda: with_operator(self._start), icon="description")
+            command_button("Write the report", lambda: with_operator(self._start), icon="description", gives="report")
         self._view = JobView(self._written)
 
     async def _start(self, operator: Operator) -> None:

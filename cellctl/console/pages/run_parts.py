@@ -47,11 +47,13 @@ class RunControls:
         self._panel = ui.element("div").classes("confirm-panel").props("role=alert")
         self._panel.set_visibility(False)
         with ui.element("div").classes("row"):
-            self._pause = command_button("Pause", lambda: self._act("pause"), icon="pause")
-            self._resume = command_button("Continue", lambda: self._act("resume"), icon="play_arrow")
-            self._reset = command_button("Reset the simulated cell", lambda: self._act("reset"), icon="restart_alt")
-            self._abort = command_button("Abort …", self._on_abort, icon="stop", dangerous=True)
-            self._retry = command_button("Retry …", self._on_retry, icon="replay")
+            self._pause = command_button("Pause", lambda: self._act("pause"), icon="pause", gives="pause")
+            self._resume = command_button("Continue", lambda: self._act("resume"), icon="play_arrow", gives="resume")
+            self._reset = command_button(
+                "Reset the simulated cell", lambda: self._act("reset"), icon="restart_alt", gives="reset"
+            )
+            self._abort = command_button("Abort …", self._on_abort, icon="stop", dangerous=True, gives="abort")
+            self._retry = command_button("Retry …", self._on_retry, icon="replay", gives="retry")
             self._result = link_button("Result and report", f"/run/{quote(self._run)}/result", icon="description")
         self._commands = Commands()
 
@@ -84,7 +86,7 @@ class RunControls:
         with self._panel:
             ui.label("Confirm before the run goes on").classes("section-title")
             ui.label(text).classes("confirm-text")
-            command_button("Confirm", lambda: self._act("confirm", step), icon="check", important=True)
+            command_button("Confirm", lambda: self._act("confirm", step), icon="check", important=True, gives="confirm")
 
     async def _on_abort(self) -> None:
         with ui.dialog() as dialog, ui.card():
@@ -133,7 +135,7 @@ class RunNotes:
             self._shown()
             with ui.element("div").classes("row search no-print"):
                 self._text = ui.input("Note").props(f"outlined dense autogrow maxlength={LONGEST}").classes("grow")
-                command_button("Add the note", self._add, icon="note_add")
+                command_button("Add the note", self._add, icon="note_add", gives="note")
             self._commands = Commands()
 
     @ui.refreshable_method

@@ -13,7 +13,7 @@ from nicegui import ui
 
 from cellctl.console import commands
 from cellctl.console.appearance import command_button, facts, problem_list, section, shown_time, state_word
-from cellctl.console.frame import Commands, answer_of, enable, frame
+from cellctl.console.frame import Commands, answer_of, enable, frame, operator
 from cellctl.console.pages.planning import Plan, asked_plan
 from cellctl.console.run_queue import Planned
 from cellctl.console.shared import console
@@ -264,9 +264,11 @@ class _StartPage:
             with section("Check and start").classes("start-part"):
                 self._cautions()
                 with ui.element("div").classes("row"):
-                    self._check = command_button("Check", self._on_check, icon="rule")
-                    self._start = command_button("Start the run", self._on_start, icon="play_arrow", important=True)
-                    self._plan = command_button("Plan …", self._on_plan, icon="schedule")
+                    self._check = command_button("Check", self._on_check, icon="rule", gives="check")
+                    self._start = command_button(
+                        "Start the run", self._on_start, icon="play_arrow", important=True, gives="start"
+                    )
+                    self._plan = command_button("Plan …", self._on_plan, icon="schedule", gives="queue")
                 self._working = ui.label().classes("note").props("role=status")
                 self._progress = _Progress()
                 self._commands = Commands()
@@ -321,9 +323,9 @@ class _StartPage:
                 lambda event: ui.navigate.to(f"{place}&preset={quote(event.value)}" if event.value else place)
             )
             choice.props("outlined dense options-dense").style("min-width: 16rem")
-            command_button("Keep as preset …", keep, icon="bookmark_add")
+            command_button("Keep as preset …", keep, icon="bookmark_add", gives="keep preset")
             if chosen in known:
-                command_button("Delete preset", lambda: change(chosen, None), icon="delete")
+                command_button("Delete preset", lambda: change(chosen, None), icon="delete", gives="delete preset")
         if chosen in known:
             ui.label(f"Kept by {known[chosen].operator}, {shown_time(known[chosen].time)}.").classes("note")
         return known[chosen].settings if chosen in known else {}
@@ -360,6 +362,7 @@ class _StartPage:
         enable(self._check, False)
         self._working.set_text("Checking procedure, cell and parameters …")
         try:
+            console().sessions.refuse(operator(), "check")
             order = self._order()
             with self._progress.of(f"check of {order.procedure}"):
                 found = await check(order.procedure, order.cell, order.settings, console().runs)

@@ -385,7 +385,7 @@ def _known(one: ControllerTables, action: TableAction) -> None:
         def actions() -> None:
             with ui.element("div").classes("row"):
                 for title, what in (("Push", "push"), ("Verify", "verify")):
-                    button = command_button(title, asked(what, each.id))
+                    button = command_button(title, asked(what, each.id), gives=f"table {what}")
                     button.props(f'aria-label="{title} {short(each.id)}"')
 
         facts = (shown_time(each.created), each.method, lambda: _run_link(each.run))
@@ -398,7 +398,9 @@ def _known(one: ControllerTables, action: TableAction) -> None:
     ]
     with section("Tables for this controller"):
         with ui.element("div").classes("row"):
-            command_button("Roll back to the table before", asked("rollback"), icon="undo", dangerous=True)
+            command_button(
+                "Roll back to the table before", asked("rollback"), icon="undo", dangerous=True, gives="table rollback"
+            )
         figures(columns, map(row, one.tables), label="Tables")
 
 
