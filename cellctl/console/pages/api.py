@@ -113,7 +113,8 @@ def _value(one: Input) -> str:
 
 _READING = (
     "Reading needs no token. A command needs the token that the console printed at its start, and names the person who "
-    "gives it. Where the console has named users, both need the token of a user. Each command leaves a line in the audit log. A refused request answers what is wrong and what to do."
+    "gives it. Where the console has named users, both need the token of a user. Each command leaves a line in the "
+    "audit log. A refused request answers what is wrong and what to do."
 )
 
 
