@@ -303,7 +303,7 @@ def calibrated(seed: int, folder: Path, cell: Path = HEAVY_CELL) -> Path:
     settings = (
         "--cell",
         cell,
-        f"--set=target_file={TARGETS}",
+        f"--set=pose_file={TARGETS}",
         "--seed",
         str(seed),
         "--set",
