@@ -5,15 +5,16 @@ from __future__ import annotations
 import asyncio
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from cellctl.console.alarms import Alarm
 from cellctl.console.jobs import Job
 from cellctl.console.live.runs import Subscribers
-from cellctl.console.overview import CellOverview, KnownCell, known_cells, overview, rows_of_cells
+from cellctl.console.overview import CellOverview, KnownCell, known_cells, last_run_of, overview, rows_of_cells
 from cellctl.console.shared import console
 from cellctl.devices import DeviceBusy
 from cellctl.devices.cell import Cell
@@ -39,14 +40,23 @@ T = TypeVar("T")
 _tasks: set[asyncio.Task[None]] = set()
 
 
-async def command_job(operator: Operator, name: str, target: str, start: Callable[[], Job], **details: Any) -> Job:
+async def command_job(
+    operator: Operator,
+    name: str,
+    target: str,
+    start: Callable[[], Job],
+    refuse: Callable[[], Awaitable[None]] | None = None,
+    **details: Any,
+) -> Job:
     """Give the command `name` for `target`: `start` starts its job, which is returned as soon as it runs.
 
-    Raises what `start` raises. The command ends in the audit log when the job ends.
+    Raises what `start` raises, and before it `refuse`. The command ends in the audit log when the job ends.
     """
     started: asyncio.Future[Job] = asyncio.get_running_loop().create_future()
 
     async def work() -> None:
+        if refuse:
+            await refuse()
         job = start()
         started.set_result(job)
         await result_of(job)
@@ -166,6 +176,7 @@ async def examine(operator: Operator, cell: Path) -> None:
     """Examine the devices of a cell; nothing moves. Raises InputError while a run is active on it."""
 
     async def work() -> None:
+        await _refuse_cell_elsewhere(cell)
         if cell in _examined:
             raise InputError(Problem(str(cell), 0, 0, "its devices are being examined already", "wait for the result"))
         _examined.add(cell)
@@ -196,6 +207,19 @@ def _refuse_other_host(run: Path) -> None:
     if host not in ("", own):
         what = f"this run is of {host}, and this console runs on {own}: a cell is commanded from its own host alone"
         raise InputError(Problem(run.name, 0, 0, what, f"use the console on {host}"))
+
+
+async def _refuse_cell_elsewhere(cell: Path) -> None:
+    """As `_refuse_other_host`: a real cell is where the last run on it was. Raises InputError."""
+    if (await loaded_cell(cell)).simulated:
+        return
+    own = console().watch.host
+    run = await asyncio.to_thread(last_run_of, console().live.index, cell)
+    host = host_of(console().runs / run) if run else ""
+    if host not in ("", own):
+        what = f"this cell is of {host} (run {run}), and this console runs on {own}"
+        cure = f"use the console on {host}; if the cell is at {own} now, start the next run there by `cellctl run`"
+        raise InputError(Problem(str(cell), 0, 0, what, cure))
 
 
 def being_examined(cell: Path) -> bool:
@@ -239,6 +263,7 @@ async def _refuse_second(order: RunOrder) -> None:
         raise DeviceBusy(str(file), "its devices are being examined", "start when that has ended")
     if any(job.operation in TABLE_JOBS and not job.ended_already for job in console().jobs.all()):
         raise DeviceBusy(str(file), "a controller's table is being looked at or changed", "start when that has ended")
+    await _refuse_cell_elsewhere(file)
     await asyncio.to_thread(order.refuse_in_use)
 
 
@@ -291,7 +316,10 @@ async def _start(operator: Operator, operation: str, title: str, request: TableR
         return jobs.start(title, operation, as_json(own), operator.name, target=change, computes=False)
 
     name = "table look" if operation == LOOK else f"table {request.action}"
-    return await command_job(operator, name, request.table[:12] or request.cell.stem, start, **_details(request))
+    refuse = partial(_refuse_cell_elsewhere, request.cell)
+    return await command_job(
+        operator, name, request.table[:12] or request.cell.stem, start, refuse, **_details(request)
+    )
 
 
 def why_busy(cell: Path) -> Problem | None:

@@ -89,17 +89,25 @@ def rows_of_cells(index: RunIndex) -> list[RunSummary]:
     return sorted(map(summary_of, rows.values()), key=lambda row: row.began or "", reverse=True)
 
 
+def last_run_of(index: RunIndex, cell: Path) -> str:
+    """The name of the run that began last on the cell of this file; empty without one. For a thread."""
+    runs = (
+        found.run for found in index.latest_of_cells() if cell_place(summary_of(found).cell or "") == cell_place(cell)
+    )
+    return next(runs, "")
+
+
 def known_cells(named: Path | None, rows: Iterable[RunSummary]) -> list[KnownCell]:
     """The cells to choose (`named`: the console's own), and those of runs. rows: the newest first."""
     last: dict[str, RunSummary] = {}
     calibrated: dict[str, RunSummary] = {}
     for row in rows:
         if file := row.cell:
-            file = _place(file)
+            file = cell_place(file)
             last.setdefault(file, row)
             if row.after and row.verdict in PASSED and row.state == "finished":
                 calibrated.setdefault(file, row)
-    known = {_place(one.file): one for one in choices("cell", named).values()}
+    known = {cell_place(one.file): one for one in choices("cell", named).values()}
     of_runs = {file: _of_run(file, row) for file, row in last.items() if file not in known}
     found = {**known, **of_runs}
     return [_known(one, file in known, last.get(file), calibrated.get(file)) for file, one in found.items()]
@@ -121,8 +129,8 @@ def overview(
 ) -> list[CellOverview]:
     """The cells, those with a run in progress first. hosts: run → the computer that runs or ran it."""
     now = utc_now()
-    runs = {_place(each.state.started.cell.path): each for each in active if each.state.started}
-    found = [_line(cell, runs.get(_place(cell.file)), alarms, hosts, now) for cell in cells]
+    runs = {cell_place(each.state.started.cell.path): each for each in active if each.state.started}
+    found = [_line(cell, runs.get(cell_place(cell.file)), alarms, hosts, now) for cell in cells]
     return sorted(found, key=lambda line: (not line.run, not line.last_began, line.simulated is not False, line.name))
 
 
@@ -155,7 +163,7 @@ def _line(
     )
 
 
-def _place(file: str | Path) -> str:
+def cell_place(file: str | Path) -> str:
     """A cell file as runs are compared by: a run may name it by a path from its working folder, which is ours."""
     return str(Path(file).absolute())
 

@@ -19,6 +19,7 @@ from cellctl.operations.run_control import RunOrder
 from tests.helpers.console import ApiClient, api_client
 from tests.helpers.engine import WrittenRun, registry
 from tests.helpers.journals import SPHERE_CELL, run_in
+from tests.helpers.runs import quick_cell
 
 ADA = {"Authorization": "Bearer secret", "X-Operator": "Ada"}
 ORDER = {"procedure": "sphere_selfcal", "cell": "sphere_cell", "settings": {"search_speed": 4, "points": 30}}
@@ -167,3 +168,25 @@ def test_a_run_of_another_host_is_not_commanded_from_here(client: ApiClient, tmp
         refused = client.post(f"/api/runs/a/{command}", json=content, headers=ADA)
         assert (refused.status_code, refused.json()["cure"]) == (409, "use the console on hall-7-pc")
     run.end()
+
+
+def test_a_real_cell_of_another_host_is_not_commanded_from_here(tmp_path: Path) -> None:
+    """That host is the one of the last run on the cell: no run starts here, and no device is connected."""
+    runs, real = tmp_path / "runs", tmp_path / "hall8.yaml"
+    quick_cell(tmp_path, name="hall8.yaml")
+    real.write_text(real.read_text().partition("\nsimulate:")[0])
+    run_in(runs, "a", "2026-11-01", "925185", cell=str(real.with_suffix("")))
+    lock = runs / "a" / "journal.lock"
+    lock.write_text("\n".join([*lock.read_text().split("\n")[:3], "hall-8-pc", ""]))
+    order = {"procedure": "sphere_selfcal", "cell": "hall8", "settings": {}}
+    with api_client(runs, registry, cell=real) as client:
+        until(client, "/api/runs", bool)
+        for path, content in (
+            ("/api/runs", order),
+            ("/api/cells/hall8/doctor", {}),
+            ("/api/tables/look", {"action": "verify", "cell": str(real)}),
+        ):
+            refused = client.post(path, json=content, headers=ADA)
+            assert refused.status_code in (409, 422), (path, refused.json())
+            assert "this cell is of hall-8-pc (run a)" in refused.text
+            assert "use the console on hall-8-pc" in refused.text
