@@ -149,9 +149,12 @@ class Guard:
             if self.sessions.users is None:
                 return 401, NO_TOKEN, "send `Authorization: Bearer TOKEN`"
             return 401, NO_USER, "send `Authorization: Bearer TOKEN`, a token of `cellctl users token`"
-        if self.sessions.may_read(session) or _is_page(scope) or self.sessions.of_program(_bearer(headers)):
+        if _is_page(scope) or self._may_read(session, headers):
             return None
         return 401, NO_USER, f"sign in at {SIGN_IN}, or send `Authorization: Bearer TOKEN`"
+
+    def _may_read(self, session: Session, headers: Headers) -> bool:
+        return self.sessions.may_read(session) or self.sessions.of_program(_bearer(headers)) is not None
 
     def _while_signed_in(self, session: Session, receive: Receive) -> Receive:
         """`receive` of a page's socket, which ends when the page's user is signed out."""
@@ -203,7 +206,7 @@ class Guard:
         return _to(there) if opened.operator else _to_form(STATE_NAME, there)
 
     def _answering(self, scope: Scope, headers: Headers, send: Send) -> Send:
-        came_with = _cookie(headers, self.cookie)
+        came_with, is_stream, is_over = _cookie(headers, self.cookie), False, False
 
         def is_told(session: Session) -> bool:
             # a browser that follows a link of another site keeps its cookie to itself (Strict): do not replace that one
@@ -212,8 +215,18 @@ class Guard:
             return _is_page(scope) and kept and came_with != session.id and not linked
 
         async def answer(message: Message) -> None:
+            nonlocal is_stream, is_over
+            if is_over:
+                return
+            if is_stream and message.get("more_body") and not self._may_read(session_of(scope), headers):
+                is_over = (
+                    True  # a user was signed out who reads the events; the server then ends the application's part
+                )
+                await send({"type": "http.response.body"})
+                return
             if message["type"] == "http.response.start":
                 out = MutableHeaders(scope=message)
+                is_stream = "content-length" not in out
                 policy = _CONTENT.format(nonce=nonce_of(scope))
                 for name, value in {**_HEADERS, "content-security-policy": policy}.items():
                     if name not in out:

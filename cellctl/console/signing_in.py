@@ -128,7 +128,7 @@ def _sign_in_page(
 
 
 def _name_page(request: Request, to: str, problem: str = "", status: int = 200) -> HTMLResponse:
-    note = "It stands beside each command that you give from this browser. You are asked once."
+    note = "Each command from this browser bears it in the record. You are asked once."
     fields = [{**_NAME, "autocomplete": "off"}]
     shown = {"title": "Who are you?", "note": note, "action": STATE_NAME, "fields": fields, "button": "Go on"}
     return _page(request, {**shown, "to": to, "problem": problem}, status)

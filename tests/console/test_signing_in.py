@@ -226,6 +226,29 @@ def test_a_socket_carries_nothing_more_from_a_user_who_was_signed_out(people: Pe
     assert [message["type"] for message in arrived] == [*["websocket.receive"] * 3, "websocket.disconnect"]
 
 
+def test_a_stream_of_events_ends_for_a_user_who_was_signed_out(people: People) -> None:
+    sent: list[Any] = []
+    user = read_users(people.file)["Ada"]
+
+    async def events(scope: Any, receive: Any, send: Any) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b"first", "more_body": True})
+        people.change(replace(user, token=""))
+        await send({"type": "http.response.body", "body": b"second", "more_body": True})
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.disconnect"}
+
+    headers = [(b"host", b"127.0.0.1:8090"), (b"authorization", b"Bearer token of Ada")]
+    scope = {"type": "http", "method": "GET", "path": "/api/events", "headers": headers, "query_string": b""}
+    asyncio.run(Guard(events, names_of("127.0.0.1", 8090), people.console.sessions, "c")(scope, receive, send))
+    assert [message.get("body") for message in sent] == [None, b"first", None]
+    assert not sent[-1].get("more_body")
+
+
 def test_a_program_is_named_by_its_token_and_the_console_s_token_is_none(people: People) -> None:
     program, body = people.browser(), {"procedure": "no_such"}
     for token in ("secret", "token of Nobody", ""):
