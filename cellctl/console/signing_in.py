@@ -10,7 +10,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Form, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from jinja2 import Environment
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from cellctl.console.guarding import SIGN_IN, STATE_NAME, change_session, nonce_of, session_of
 from cellctl.console.sessions import MustWait, operator_named
@@ -59,6 +59,10 @@ async def sign_in_form(request: Request, to: str = "/") -> Response:
     """The form to sign in; who is signed in goes on."""
     if console().sessions.users is None or session_of(request.scope).user is not None:
         return RedirectResponse(_own_address(to), 303)
+    if request.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
+        # the browser followed a link of another site, and kept its cookie (Strict) to itself: it asks again from here
+        there = escape(_own_address(to))
+        return HTMLResponse(f'<meta http-equiv="refresh" content="0; url={there}"><title>cellctl</title>')
     return _sign_in_page(request, to)
 
 

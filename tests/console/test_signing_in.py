@@ -59,6 +59,14 @@ def test_who_signs_in_gets_to_the_page_that_was_asked_for_and_reads(people: Peop
     assert browser.get("/login?to=/cell").headers["location"] == "/cell"
 
 
+def test_who_is_signed_in_and_follows_a_link_of_another_site_is_not_asked_again(people: People, ada: Browser) -> None:
+    linked = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"}
+    without_cookie = people.browser().get('/login?to=/runs%3Ftext%3D"a', headers=linked)
+    assert 'content="0; url=/runs?text=&#34;a"' in without_cookie.text
+    assert "set-cookie" not in without_cookie.headers
+    assert ada.get("/login?to=/runs", headers=linked).headers["location"] == "/runs"
+
+
 @pytest.mark.parametrize("place", ["//evil.example", "https://evil.example", "/\\evil.example", "/a\nb", ""])
 def test_a_form_leads_to_no_other_site(people: People, place: str) -> None:
     assert people.browser().sign_in("Ada", to=place).headers["location"] == "/"
