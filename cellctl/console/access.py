@@ -43,7 +43,7 @@ COMMANDS: Final[Mapping[str, Access]] = {
     "queue unschedule": Access("engineer", ("DELETE /api/schedules/{number}",)),
     "keep preset": Access("engineer"),
     "delete preset": Access("engineer"),
-    "note": Access("engineer", ("POST /api/runs/{name}/notes",)),
+    "note": Access("operate", ("POST /api/runs/{name}/notes",)),
     "upload": Access("engineer", ("POST /api/analyses",)),
     "choose robot": Access("engineer", ("POST /api/analyses/{name}/robot",)),
     "fit": Access("engineer", ("POST /api/analyses/{name}/fit",)),

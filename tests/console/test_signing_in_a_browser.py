@@ -29,7 +29,7 @@ def test_a_user_signs_in_by_keyboard_and_the_pages_end_with_the_role(tmp_path: P
         page.keyboard.press("Enter")
         page.wait_for_url("**/run/active?scene=false")
         page.get_by_label("Operator").get_by_text("Cy (view)").wait_for()
-        assert page.get_by_role("button", name="Add the note for role engineer").is_disabled()
+        assert page.get_by_role("button", name="Add the note for role operate").is_disabled()
         assert page.get_by_role("button", name="Abort …").is_enabled()
         write_users(file, [replace(read_users(file)["Cy"], role="engineer")])
         page.wait_for_url("**/login?to=%2Frun%2Factive%3Fscene%3Dfalse")
