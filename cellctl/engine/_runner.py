@@ -29,7 +29,7 @@ class Engine:
     Steps that are done in `record` are not repeated, unless they have `on_resume: always`. `meet`: called with the
     identity of each connected device before anything is done with them; raises DeviceError for a device that another
     process has, and then all are closed without clean-up: they are not this run's. `reset`: presses the
-    reset of a simulated cell; None: the cell is real.
+    reset of a simulated cell; None: the cell is real. `cell_ended`: why its simulators have ended; empty: they run.
     """
 
     def __init__(
@@ -42,8 +42,9 @@ class Engine:
         record: RunState | None = None,
         meet: Callable[[Identity], None] | None = None,
         reset: Reset | None = None,
+        cell_ended: Callable[[], str] = str,
     ) -> None:
-        self._plan, self._meet = plan, meet
+        self._plan, self._meet, self._cell_ended = plan, meet, cell_ended
         self._run = run
         self._clock: Clock = run.clock
         self._recorder = Recorder(journal, record or RunState(), watcher or NobodyWatching(), run.clock)
@@ -154,6 +155,8 @@ class Engine:
                 troubles += await self._clean_step(step)
         look = self._reports.at_end if error else None
         troubles += await stop_and_close(self._connected, self._clock, self._stopped, look)
+        if error and (why := self._cell_ended()):
+            troubles.append(why)
         return list(dict.fromkeys(troubles))
 
     async def _clean_step(self, step: Step) -> list[str]:

@@ -136,6 +136,10 @@ _END_SECONDS = 20.0
 _ANSWER_SECONDS = 20.0
 """Wall time limit for a program to start and end. If it dies, the wait ends at once."""
 
+_END_NOTICED_SECONDS = 0.3
+
+_ERRORS = "stderr"
+
 
 @final
 @dataclass(frozen=True)
@@ -159,7 +163,7 @@ class SimulatedCell:
         folder = tempfile.TemporaryDirectory(prefix="cellctl-")
         ready = Path(folder.name) / "ready.json"
         command = simulator_command(cell.path, seed, clock, ready, ("--wait-for-host", *extra))
-        with (Path(folder.name) / "stderr").open("wb") as errors:
+        with (Path(folder.name) / _ERRORS).open("wb") as errors:
             process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, start_new_session=True
             )
@@ -168,7 +172,7 @@ class SimulatedCell:
         except BaseException:
             process.kill()
             process.wait()
-            _explain(process, Path(folder.name) / "stderr", cell)
+            _explain(process, Path(folder.name) / _ERRORS, cell)
             folder.cleanup()
             raise
         memory = Path(extra[extra.index("--state") + 1]).parent if "--state" in extra else Path(folder.name)
@@ -204,6 +208,24 @@ class SimulatedCell:
     async def reset(self) -> None:
         """Somebody releases its emergency stop, closes its guard, acknowledges its messages. Raises DeviceError."""
         await self.tell({"op": "reset"})
+
+    def why_ended(self) -> str:
+        """That the simulators have ended by themselves, and by which error; empty: they run."""
+        try:  # a device is lost before its process is gone
+            code = self.process.wait(_END_NOTICED_SECONDS)
+        except subprocess.TimeoutExpired:
+            return ""
+        by = f"by signal {-code}" if code < 0 else f"with code {code}"
+        text = self.errors()
+        *_, last = text.splitlines() or [""]
+        places = re.findall(r'File "(?:[^"]*/)?([^"/]+)", line (\d+)', text)
+        where = " ({}:{})".format(*places[-1]) if places else ""
+        return f"the simulated cell ended {by}" + (f": {last.strip()}{where}" if last else "")
+
+    def errors(self) -> str:
+        """What the simulators wrote: the traceback of an error."""
+        file = Path(self.folder.name) / _ERRORS
+        return file.read_text(errors="replace").strip() if file.exists() else ""  # `stop` removes it
 
     def stop(self) -> None:
         """End the process and wait for it."""

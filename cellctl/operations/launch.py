@@ -40,7 +40,7 @@ from cellctl.journal import (
 )
 from cellctl.operations.campaign import Campaign
 from cellctl.operations.cell_devices import DeviceLocks, SimulatedCell, open_devices, tell_targets
-from cellctl.operations.run_folder import SIMULATOR_MEMORY, never_began, new_run_folder, table_line
+from cellctl.operations.run_folder import SIMULATOR_ERRORS, SIMULATOR_MEMORY, never_began, new_run_folder, table_line
 from cellctl.operations.run_indexing import tell_index
 from cellctl.procedure import section_of
 from cellctl.version import __version__
@@ -122,6 +122,8 @@ async def _with_simulators(
     try:
         return await run_on(simulated, campaign, options, folder, mailbox, watcher)
     finally:
+        if simulated.why_ended():
+            (folder / SIMULATOR_ERRORS).write_text(simulated.errors() + "\n")
         simulated.stop()
 
 
@@ -148,7 +150,9 @@ async def run_on(
         run = Surround(clock, seed, folder, campaign.cell.document, campaign.cell.robot_file, devices)
         plan = Plan(campaign.procedure, campaign.parameters, campaign.registry, devices)
         meet, reset = (locks.meet if locks else None), (simulated.reset if simulated else None)
-        engine = Engine(plan, run, journal, mailbox, watcher, record, meet, reset)
+        engine = Engine(
+            plan, run, journal, mailbox, watcher, record, meet, reset, simulated.why_ended if simulated else str
+        )
         return await engine.run(lambda: tell_targets(simulated, devices, clock))
 
 

@@ -15,6 +15,9 @@ from cellctl.journal.journal_file import FILE_NAME, LOCK_NAME
 SIMULATOR_MEMORY = "simulated_cell.json"
 """File in the run folder that stores a simulated robot's position for a resumed run."""
 
+SIMULATOR_ERRORS = "simulated_cell.log"
+"""File in the run folder with what simulators wrote that ended before the run: the traceback of an error."""
+
 
 FAILURE_NAME = "failure.json"
 """Why a detached run did not begin or continue: a `Failure` as JSON, for the process that started it."""

@@ -128,6 +128,7 @@ def test_simulators_killed_in_mid_campaign_are_a_lost_cell_and_nothing_recorded_
         _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 4, said
     assert "may still be moving" in said
+    assert "the simulated cell ended by signal 9" in said
     assert "Traceback" not in said
     state = fold(read_journal(only_run(runs)))
     assert state.state == "uncertain"

@@ -6,6 +6,7 @@ drivers, sims or procedures names it. Its own tests run in `test_new_packages.py
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -21,8 +22,12 @@ CELL = (EXAMPLES / "dial_gauge" / "dial_gauge" / "cells" / "dial_gauge_cell.yaml
 @pytest.fixture
 def cellctl(tmp_path):
     """Runs the command line with the example on the path, in a folder with its cell."""
+    return command_line(tmp_path, EXAMPLES / "dial_gauge")
+
+
+def command_line(tmp_path, package):
     (tmp_path / "cell.yaml").write_text(CELL)
-    places = paths_of(EXAMPLES / "dial_gauge", tmp_path / "site")
+    places = paths_of(package, tmp_path / "site")
 
     def run(*words):
         program = ["-m", "cellctl"] if words[0] != "-c" else []
@@ -92,3 +97,18 @@ def test_a_wrong_setting_and_an_unknown_event_of_it_are_found_by_check(cellctl, 
     assert "at least -1 is expected" in checked.stderr
     assert "dial_gauge.melt" in checked.stderr
     assert "dial_gauge.read" in checked.stderr
+
+
+def test_a_simulator_that_crashes_is_named_with_its_line(tmp_path):
+    """Else its author would see devices that are silent, and look for the error in the driver."""
+    shutil.copytree(EXAMPLES / "dial_gauge", tmp_path / "crashing")
+    module = tmp_path / "crashing" / "dial_gauge" / "simulator.py"
+    before, mark, after = module.read_text().partition("            self._setup.faults.announce(READ)\n")
+    module.write_text(f"{before}            raise TypeError('a planted error')\n{after}")
+    done = command_line(tmp_path, tmp_path / "crashing")("run", "dial_gauge_drift", "--cell", "cell.yaml")
+    line = before.count("\n") + 1
+    assert mark
+    assert done.returncode == 4
+    assert f"the simulated cell ended with code 1: TypeError: a planted error (simulator.py:{line})" in done.stderr
+    (log,) = (tmp_path / "runs").glob("*/simulated_cell.log")
+    assert "Traceback" in log.read_text()

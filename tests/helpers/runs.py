@@ -262,9 +262,16 @@ def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(silence, 60.0)
 
 
+class _OfAnother:
+    """Simulators that another process has started: that one sees their end."""
+
+    def wait(self, seconds: float) -> int:
+        raise subprocess.TimeoutExpired([], seconds)
+
+
 def another_engine(ready: dict[str, Any], procedure: Path, cell: Path, folder: Path) -> Outcome:
     """A run into `folder` on a simulated cell of another process, by the content of its ready file."""
-    simulated = SimulatedCell(cast("Any", None), cast("Any", None), ready)
+    simulated = SimulatedCell(cast("Any", _OfAnother()), cast("Any", None), ready)
     campaign = load_campaign(procedure, cell, [])
     return asyncio.run(run_on(simulated, campaign, Options(None, "realtime"), folder, Mailbox(), NobodyWatching()))
 
