@@ -122,7 +122,7 @@ async def _with_simulators(
     try:
         return await run_on(simulated, campaign, options, folder, mailbox, watcher)
     finally:
-        if simulated.why_ended():
+        if simulated.process.poll() is not None:
             (folder / SIMULATOR_ERRORS).write_text(simulated.errors() + "\n")
         simulated.stop()
 
