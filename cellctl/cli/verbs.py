@@ -42,6 +42,7 @@ VERBS = {
     "show": Verb("runs", "show", "Show one run: devices, steps, verdict; or compare it with another."),
     "runs": Verb("run_listing", "runs", "List the runs, newest first."),
     "index": Verb("run_listing", "app", "Make the index of the runs again, or compare it with the journals."),
+    "fleet": Verb("fleet", "fleet", "Show which robots need a calibration, and why."),
     "report": Verb("runs", "report", "Write the calibration report of a run again, as HTML that prints on A4."),
     "replay": Verb(
         "runs",

@@ -10,9 +10,11 @@ from nicegui import ui
 from cellctl.console.appearance import COLOURS
 from cellctl.metrology import ControlChart
 from cellctl.operations.comparing_runs import DatedRun, ParameterSeries
+from cellctl.operations.fleet import ParameterChart
 
 _BLUE, _RED, _GREY = COLOURS["working"], COLOURS["bad"], COLOURS["off"]
 _GRID = {"left": 58, "right": 14, "top": 10, "bottom": 24}
+_TIME = {"type": "time", "splitNumber": 3, "axisLabel": {"hideOverlap": True}, "axisLine": {"onZero": False}}
 _ERROR_BAR = """(params, api) => {
   const low = api.coord([api.value(0), api.value(1)]), high = api.coord([api.value(0), api.value(2)]);
   const line = (x1, y1, x2, y2) => ({type: "line", shape: {x1, y1, x2, y2}, style: {stroke: "COLOUR", lineWidth: 1.2}});
@@ -31,12 +33,7 @@ def drift_chart(runs: Sequence[DatedRun], series: ParameterSeries) -> ui.echart:
     return _chart(
         {
             "grid": _GRID,
-            "xAxis": {
-                "type": "time",
-                "splitNumber": 3,
-                "axisLabel": {"hideOverlap": True},
-                "axisLine": {"onZero": False},
-            },
+            "xAxis": _TIME,
             "yAxis": _axis(),
             "tooltip": {"trigger": "item", "formatter": "{b}<br>{c}"},
             "series": [
@@ -51,6 +48,54 @@ def drift_chart(runs: Sequence[DatedRun], series: ParameterSeries) -> ui.echart:
             ],
         },
         f"{series.label} in {series.unit}, with 2 σ",
+    )
+
+
+def change_chart(began: Sequence[str], chart: ParameterChart) -> ui.echart:
+    """The moving average of a parameter less its reference, with its limits, over the single runs with ± 2 σ."""
+    runs = list(zip(began, chart.values, chart.sigmas, chart.means, chart.limits, strict=True))
+    bars = [
+        [when, _short(value - 2 * sigma), _short(value + 2 * sigma)]
+        for when, value, sigma, _, _ in runs
+        if value is not None and sigma is not None
+    ]
+    means = []
+    for when, _, _, mean, limit in runs:
+        if mean is not None and limit is not None:
+            beyond = abs(mean) > limit
+            look = {"symbol": "diamond" if beyond else "circle", "symbolSize": 11 if beyond else 5}
+            means.append({"value": [when, _short(mean)], **look, "itemStyle": {"color": _RED if beyond else _BLUE}})
+    limits = [
+        {
+            "type": "line",
+            "name": name,
+            "data": [[when, _short(sign * limit)] for when, _, _, _, limit in runs if limit is not None],
+            "symbol": "none",
+            "lineStyle": {"type": "dashed", "color": _GREY, "width": 1},
+            "silent": True,
+        }
+        for name, sign in (("upper limit", 1.0), ("lower limit", -1.0))
+    ]
+    return _chart(
+        {
+            "grid": _GRID,
+            "xAxis": _TIME,
+            "yAxis": _axis(),
+            "tooltip": {"trigger": "axis"},
+            "series": [
+                {
+                    "type": "custom",
+                    "name": "runs",
+                    ":renderItem": _ERROR_BAR.replace(_BLUE, _GREY),
+                    "data": bars,
+                    "encode": {"x": 0, "y": [1, 2]},
+                    "silent": True,
+                },
+                {"type": "line", "name": "moving average", "data": means, "lineStyle": {"color": _BLUE, "width": 1}},
+                *limits,
+            ],
+        },
+        f"{chart.label} in {chart.unit}: moving average less reference, with limits",
     )
 
 

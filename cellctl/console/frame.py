@@ -43,6 +43,7 @@ NAVIGATION = (
     ("Runs", "/runs"),
     ("Alarms", ALARMS),
     *((each.title, f"/{each.name}") for each in histories()),
+    ("Fleet", "/fleet"),
     ("Tables", "/tables"),
     ("API", "/api"),
 )

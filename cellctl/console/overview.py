@@ -13,13 +13,11 @@ from cellctl.console.live import Snapshot
 from cellctl.console.live.changes import waits_for
 from cellctl.console.run_queue import utc_now
 from cellctl.operations.checking import FileChoice, choices
+from cellctl.operations.fleet import DUE_DAYS, FleetRobot
 from cellctl.operations.run_indexing import summary_of
 from cellctl.operations.run_list import RunSummary
 from cellctl.records import PASSED
 from cellctl.run_index import RunIndex
-
-DUE_DAYS = 180.0
-"""The calibration of a real cell whose file does not state `calibration_days` is due after so many days."""
 
 
 @final
@@ -122,6 +120,15 @@ def calibration_causes(cells: Iterable[KnownCell]) -> Iterator[tuple[Cause, bool
             what = f"calibration of {cell.name} is {age:.0f} days old, and due after {cell.due_days:g} days"
             cure = "calibrate the robot, or state `calibration_days` in the cell file"
             yield Cause("calibration", f"calibration:{cell.file}", what, cure, cell.name), cell.is_due(now)
+
+
+def drift_causes(robots: Iterable[FleetRobot]) -> Iterator[tuple[Cause, bool]]:
+    """For each robot of a fleet that is charted the cause of an alarm, and whether a chart is outside its limits."""
+    for robot in robots:
+        if robot.charts:
+            moved = "; ".join(each.words for each in robot.moved)
+            cure = "look at /fleet; calibrate the robot"
+            yield Cause("chart", f"drift:{robot.serial}", f"{robot.serial} moved: {moved}", cure), bool(moved)
 
 
 def overview(

@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 
 from fastapi import FastAPI
@@ -23,7 +24,7 @@ from starlette.types import ASGIApp
 from cellctl.console.api.answers import INVALID, TAGS, answer_errors, answer_unknown, summarise, unique_id
 from cellctl.console.guarding import LARGEST_BODY, Guard, names_of
 from cellctl.console.live import LiveRuns
-from cellctl.console.overview import calibration_causes, known_cells, rows_of_cells
+from cellctl.console.overview import calibration_causes, drift_causes, known_cells, rows_of_cells
 from cellctl.console.scene.run_points import installed_sources
 from cellctl.console.sessions import Sessions
 from cellctl.console.shared import Audit, Console, Settings, use
@@ -31,6 +32,7 @@ from cellctl.console.signing_in import router as signing_in
 from cellctl.console.users import UsersFile, read_users
 from cellctl.console.watching import Watch
 from cellctl.files import InputError, Problem
+from cellctl.operations.fleet import fleet
 from cellctl.version import __version__
 
 ROUTERS = ("console", "cells", "attention", "starting", "queue", "running", "runs", "tables", "analyses", "metrics")
@@ -49,6 +51,7 @@ PAGES = (
     "result",
     "compare",
     "histories",
+    "fleet",
     "tables",
     "analyse",
     "analyse_one",
@@ -62,7 +65,10 @@ def new_console(settings: Settings, token: str = "") -> Console:
     sessions = Sessions(token or secrets.token_urlsafe(16), users, settings.idle_min * 60.0)
     live = LiveRuns(settings.runs)
     watch = Watch(settings.runs)
-    watch.cells_due = lambda index: calibration_causes(known_cells(settings.cell, rows_of_cells(index)))
+    watch.due = lambda index: chain(
+        calibration_causes(known_cells(settings.cell, rows_of_cells(index))),
+        drift_causes(fleet(index, settings.runs).robots),
+    )
     return Console(settings, sessions, Audit(settings.runs), live, watch)
 
 

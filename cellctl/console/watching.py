@@ -30,7 +30,7 @@ TICK_S = 5.0
 """Wall time between two looks at what no run tells: other consoles' lines, schedules, offers."""
 
 CALIBRATIONS_S = 600.0
-"""Wall time between two looks at the age of calibrations, which is counted in days."""
+"""Wall time between two looks at the age of calibrations, counted in days, and at the charts of all robots."""
 
 RECENT_S = 24 * 3600.0
 """A run that ended before, while no console ran, raises an alarm if that was within this time."""
@@ -61,7 +61,7 @@ class Watch:
         self.alarms = AlarmLog(folder, self._on_alarm)
         self.queue = RunQueue(folder, self.host, self._on_queue)
         self.waiting: tuple[Waiting, ...] = ()
-        self.cells_due: Callable[[RunIndex], Iterator[tuple[Cause, bool]]] = lambda _: iter(())
+        self.due: Callable[[RunIndex], Iterator[tuple[Cause, bool]]] = lambda _: iter(())
         self._folder = folder
         self._lock: LockedFile | None = None
         self._subscribers = Subscribers()
@@ -234,11 +234,12 @@ class Watch:
         await self._clear(stand - {f"job:{entry.id}" for entry in lapsed}, "it was offered again, or removed")
 
     async def _look_at_calibrations(self, live: LiveRuns) -> None:
-        for cause, due in await asyncio.to_thread(lambda: list(self.cells_due(live.index))):
+        for cause, due in await asyncio.to_thread(lambda: list(self.due(live.index))):
             if due:
                 await self.alarms.raise_(cause)
             else:
-                await self._clear([cause.cause], "calibrated")
+                why = "within its limits" if cause.kind == "chart" else "calibrated"
+                await self._clear([cause.cause], why)
 
     async def _clear(self, causes: Collection[str], why: str) -> None:
         if any(alarm.cause in causes for alarm in self.alarms.standing):

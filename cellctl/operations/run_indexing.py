@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, final
 
 from cellctl.clock import calendar_time
-from cellctl.files import InputError, parse_yaml
+from cellctl.files import InputError, canonical_json, parse_yaml
 from cellctl.installed import Compared, History, histories
 from cellctl.journal import RunState
 from cellctl.operations.results import as_json
@@ -76,7 +76,8 @@ def followed_run(folder: Path, state: RunState) -> IndexedRun:
 
 def _indexed(row: RunSummary, found: str, state: RunState | None = None, folder: Path | None = None) -> IndexedRun:
     ended = state.ended if state else None
-    has_model, parameters = _parameters(folder) if folder and state else (False, ())
+    has_model, nominal, parameters = _model(folder) if folder and state else (False, "", ())
+    site, due_days = _cell_facts(state.started.cell.text) if state and state.started else ("", None)
     closed = bool(found) and not found.split(" ")[1]  # no write-ahead log beside it
     return IndexedRun(
         run=row.run,
@@ -91,7 +92,7 @@ def _indexed(row: RunSummary, found: str, state: RunState | None = None, folder:
         procedure=row.procedure_name,
         robot_type=str(row.devices.get(ROBOT, {}).get("model", "")),
         serial=row.serial,
-        site=_site(state.started.cell.text) if state and state.started else "",
+        site=site,
         cell=row.cell or "",
         operator=row.operator or "",
         simulated=row.simulated,
@@ -102,6 +103,8 @@ def _indexed(row: RunSummary, found: str, state: RunState | None = None, folder:
         table_state=row.table_state or "",
         process=row.process or "",
         has_model=has_model,
+        nominal=nominal,
+        due_days=due_days,
         words=words_of(row),
         content=json.dumps(as_json(row), ensure_ascii=False),
         parameters=parameters,
@@ -118,31 +121,39 @@ def _identity(state: RunState | None) -> str:
 
 
 @lru_cache(64)
-def _site(cell: str) -> str:
-    """The site that a cell file states for its reports; empty if it does not."""
-    if "site:" not in cell:
-        return ""
+def _cell_facts(cell: str) -> tuple[str, float | None]:
+    """The site that a cell file states for its reports, empty if it does not; and its `calibration_days`."""
+    if "site:" not in cell and "calibration_days:" not in cell:
+        return "", None
     try:
-        return str(parse_yaml(cell, "the cell file").data["report"]["site"])
-    except (InputError, KeyError, TypeError):
-        return ""
+        data = parse_yaml(cell, "the cell file").data
+        days, report = data.get("calibration_days"), data.get("report")
+    except (InputError, AttributeError):
+        return "", None
+    site = report.get("site", "") if isinstance(report, dict) else ""
+    return str(site), float(days) if isinstance(days, int | float) else None
 
 
-def _parameters(folder: Path) -> tuple[bool, tuple[IndexedParameter, ...]]:
-    """Whether the run has a model, and the parameters that its rows inform: none of a model that cannot be read."""
+def _model(folder: Path) -> tuple[bool, str, tuple[IndexedParameter, ...]]:
+    """Whether the run has a model, a digest of its nominal robot, and the parameters that its rows inform.
+
+    None of a model that cannot be read.
+    """
     file = folder / MODEL
     if not file.is_file():
-        return False, ()
+        return False, "", ()
     try:
-        stored = json.loads(file.read_text(encoding="utf-8"))["parameters"]
+        stored = json.loads(file.read_text(encoding="utf-8"))
         found = [
             IndexedParameter(each["name"], each["unit"], each["value"], each["sigma"], each["prior_sigma"])
-            for each in stored
+            for each in stored["parameters"]
             if 0.0 < each["sigma"] < each["prior_sigma"]
         ]
-    except (OSError, ValueError, KeyError, TypeError):
-        return True, ()
-    return True, tuple(found)
+        robot = [stored["robot"].get(name) for name in ("convention", "links", "joints")]  # as `incomparable` has it
+        nominal = blake2b(canonical_json(robot).encode(), digest_size=8).hexdigest()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return True, "", ()
+    return True, nominal, tuple(found)
 
 
 def _entries(state: RunState) -> Iterator[HistoryEntry]:

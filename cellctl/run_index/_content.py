@@ -7,7 +7,7 @@ from typing import Final, final
 
 from sqlalchemy import Boolean, Column, Float, Index, Integer, MetaData, String, Table
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Counts changes of the tables. An index of another version is made anew."""
 
 APPLICATION_ID: Final = 0x43454C49
@@ -61,6 +61,8 @@ RUNS = Table(
     _text("table_state"),
     _text("process"),
     Column("has_model", Boolean, nullable=False),
+    _text("nominal"),
+    Column("due_days", Float),
     _text("words"),
 )
 
@@ -138,7 +140,8 @@ class IndexedRun:
     identity: the same for copies of a folder. began_as: the name at its start. began, ended: UTC, ISO 8601. procedure:
     name. robot_type, serial: as the robot reported them. cell: path of the cell file. before_mm, after_mm: mean
     held-out errors. process: that writes it. words: what a search by words looks in, in lower case. content: its
-    summary as JSON.
+    summary as JSON. nominal: digest of the robot from which its model starts. due_days: as its cell file states
+    `calibration_days`.
     """
 
     run: str
@@ -164,6 +167,8 @@ class IndexedRun:
     table_state: str = ""
     process: str = ""
     has_model: bool = False
+    nominal: str = ""
+    due_days: float | None = None
     words: str = ""
     content: str
     parameters: tuple[IndexedParameter, ...] = ()

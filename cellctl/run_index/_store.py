@@ -29,6 +29,9 @@ VANISHED = "vanished"
 
 _OF_A_RUN = (PARAMETERS, HISTORIES, CONTENTS, RUNS)
 
+_AT_A_TIME = 500
+"""Number of names in one question; SQLite allows 32 766."""
+
 _LOCK = 0x43454C4C
 """Number of the advisory lock that writers of a server take one after the other."""
 
@@ -336,6 +339,49 @@ class RunIndex:
         with self._read() as connection:
             rows = connection.execute(page_of(conditions, "began", descending=False)).all()
         return [FoundRun(row.place, row.run, row.json, row.present, "") for row in rows]
+
+    def robots(self) -> list[Row[Any]]:
+        """Of each robot of all places serial, type, site, whether simulated, number of runs, begin of the last one."""
+        what = [RUNS.c[name] for name in ("serial", "robot_type", "site", "simulated")]
+        conditions = (RUNS.c.serial != "", RUNS.c.state != "", RUNS.c.began != "")
+        wanted = select(*what, func.count().label("runs"), func.max(RUNS.c.began).label("last"))
+        with self._read() as connection:
+            return list(connection.execute(wanted.where(*conditions).group_by(*what).order_by(*what)))
+
+    def model_runs(self, serial: str = "") -> list[Row[Any]]:
+        """The runs of all places that have a model (`serial`: of this robot), by robot, oldest first."""
+        columns = [RUNS.c[name] for name in ("place", "run", "serial", "began", "table_state", "identity", "nominal")]
+        conditions = [RUNS.c.has_model, RUNS.c.present, RUNS.c.serial != "", RUNS.c.began != ""]
+        conditions += [RUNS.c.serial == serial] if serial else []
+        wanted = select(*columns, RUNS.c.due_days).where(*conditions)
+        with self._read() as connection:
+            return list(connection.execute(wanted.order_by(RUNS.c.serial, RUNS.c.began, RUNS.c.run)).all())
+
+    def parameters_of(self, place: str, runs: Sequence[str], determined: float) -> list[Row[Any]]:
+        """Run, name, unit, value and σ of the parameters of these runs whose σ their rows made smaller than
+        `determined` times that before them.
+        """
+        of = PARAMETERS.c
+        wanted = select(of.run, of.name, of.unit, of.value, of.sigma)
+        wanted = wanted.where(of.place == place, of.sigma < determined * of.prior_sigma)
+        found: list[Row[Any]] = []
+        with self._read() as connection:
+            for start in range(0, len(runs), _AT_A_TIME):
+                found += connection.execute(wanted.where(of.run.in_(runs[start : start + _AT_A_TIME]))).all()
+        return found
+
+    def latest_judged(self, verdicts: Collection[str]) -> list[Row[Any]]:
+        """Of each robot the last finished run with one of these verdicts, and the last one with an acceptance."""
+        found: list[Any] = []
+        finished = (RUNS.c.serial != "", RUNS.c.state == "finished")
+        columns = [RUNS.c[name] for name in ("serial", "run", "began", "verdict", "acceptance")]
+        with self._read() as connection:
+            for kind in (RUNS.c.verdict.in_(sorted(verdicts)), RUNS.c.acceptance != ""):
+                latest = select(RUNS.c.serial, func.max(RUNS.c.began).label("began")).where(*finished, kind)
+                last = latest.group_by(RUNS.c.serial).subquery()
+                same = (RUNS.c.serial == last.c.serial) & (RUNS.c.began == last.c.began)
+                found += connection.execute(select(*columns).join(last, same).where(*finished, kind)).all()
+        return found
 
     def _here(self, table: Table) -> list[Any]:
         conditions: list[Any] = [table.c.place == self.place]

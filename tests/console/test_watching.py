@@ -223,7 +223,7 @@ def test_a_calibration_is_due_by_the_age_in_the_cell_file_until_a_newer_run(tmp_
     run_in(runs, "old", "2026-01-01", "925185", cell=str(tmp_path / "hall7"))
 
     async def see(watch: Watch) -> None:
-        watch.cells_due = lambda index: calibration_causes(known_cells(tmp_path / "hall7.yaml", rows_of_cells(index)))
+        watch.due = lambda index: calibration_causes(known_cells(tmp_path / "hall7.yaml", rows_of_cells(index)))
         watch._due["calibrations"] = 0.0
         await until(lambda: raised(watch) == [("calibration", "", "")])
         assert "due after 30 days" in watch.alarms.all[0].what

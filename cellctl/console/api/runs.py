@@ -20,6 +20,8 @@ from cellctl.files import InputError
 from cellctl.installed import History, histories
 from cellctl.operations.comparing_runs import compare_runs, parameter_drift
 from cellctl.operations.export import Form
+from cellctl.operations.fleet import Fleet, FleetReading, RobotCharts
+from cellctl.operations.fleet import fleet as fleet_of
 from cellctl.operations.results import as_json
 from cellctl.operations.run_folder import RunFile, run_file, run_files, run_named
 from cellctl.operations.run_indexing import history_page, summary_of
@@ -169,6 +171,31 @@ async def drift(
     """Parameters of one robot's models over its runs, with their trends for 30 days; by default all determined ones."""
     rows = [summary_of(found) for found in await indexed(lambda index: index.with_model(serial))]
     return as_json(await asyncio.to_thread(parameter_drift, console().runs, rows, serial, parameter))
+
+
+@router.get("/fleet", responses=READS)
+async def fleet(
+    type: Annotated[str, _text("Type of the robot; empty: all")] = "",  # noqa: A002
+    site: Annotated[str, _text("Site of the robot; empty: all")] = "",
+) -> Fleet:
+    """Which robots need a calibration, and why, the most urgent first; what moved in robots of a type or site together;
+    parameters whose stated σ is too small.
+    """
+    runs = console().runs
+    return await indexed(lambda index: fleet_of(index, runs, robot_type=type, site=site))
+
+
+@router.get("/fleet/{serial}", responses=READS)
+async def robot_charts(
+    serial: Annotated[str, PathParameter(max_length=200, description="Serial number of the robot")],
+) -> RobotCharts:
+    """The charts of a robot's parameters over its runs since its calibration, the one furthest outside first."""
+    runs = console().runs
+    try:
+        return await indexed(lambda index: FleetReading(index, runs).charts(serial))
+    except LookupError:
+        cure = "GET /api/fleet lists the robots; a robot has charts after a calibration with a model"
+        raise Refused(404, f"there are no charts of robot '{serial[:80]}'", cure) from None
 
 
 def _add(history: History) -> None:
