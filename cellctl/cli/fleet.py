@@ -63,5 +63,5 @@ def _robot_lines(robot: FleetRobot) -> Iterator[str]:
     if robot.reasons:
         yield f"    {robot.words}"
     if robot.calibrated:
-        checks = f"{robot.runs} runs since, {robot.runs_a_year:g} a year, {robot.charts} charts"
+        checks = f"{robot.runs} runs with it, {robot.runs_a_year:g} a year, {robot.charts} charts"
         yield f"    calibrated {robot.calibrated[:10]} by {robot.calibration}; {checks}"

@@ -44,8 +44,9 @@ WEIGHT: Final = 0.2
 """λ. Smaller finds smaller shifts, larger finds them sooner; 0.05 … 0.25 is usual (Montgomery, 9.1.2)."""
 
 BASELINE: Final = 4
-"""Number of runs after the calibration that are part of the reference: its σ is then about 0.45 of that of a run. A
-change within these runs is found less well, as part of it is in the reference."""
+"""Number of runs after the calibration that are part of the reference: its σ is then about 0.45 of that of a run. Part
+of a change or an outlier within these runs is in the reference. None is left out for being far from the others: that
+would make a calibration with a large error the reference alone, and raise the rate of false alarms by two thirds."""
 
 RECENT: Final = 5
 """Number of runs that say how far a parameter is now; an EWMA with λ = 0.2 holds the information of nine."""
@@ -59,11 +60,13 @@ _MEDIAN_CHI2: Final = 0.454936
 class DriftCharts:
     """Charts of R runs, oldest first. mean (R, …): EWMA less reference; sigma (R, …): 1 σ of that, in the same unit.
 
-    NaN where nothing is judged: at the first run, and where a run does not have the parameter.
+    NaN where nothing is judged: at the first run, and where a run does not have the parameter. reference (…): after the
+    last run.
     """
 
     mean: Floats
     sigma: Floats
+    reference: Floats
 
     @property
     def ratio(self) -> Floats:
@@ -98,18 +101,20 @@ def drift_charts(
         precision = precision + joins / variance[run]
         reference = reference + joins * x[run] / variance[run]
         shared, count = shared + joins * new, count + known[run]
-    return DriftCharts(mean, sigma)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return DriftCharts(mean, sigma, np.asarray(reference / precision))
 
 
 def recent_change(values: Floats, sigmas: Floats, since: int) -> tuple[float, float]:
     """How far one parameter, values (R,) with 1 σ (R,), now is from its reference, and 1 σ of that.
 
-    By the weighted mean of its last runs, up to `RECENT` and none before run `since`: the EWMA still holds runs from
-    before a step, and would show too small a change.
+    By the weighted mean of its last runs, up to `RECENT` and none before run `since`, less that of the reference's runs
+    before it: the EWMA still holds runs from before a step, the reference may hold some after it, and their difference
+    would be too small.
     """
     known = np.flatnonzero(np.isfinite(values))
     weights = np.zeros(len(values))
-    for part, sign in ((known[: BASELINE + 1], -1.0), (known[known >= since][-RECENT:], 1.0)):
+    for part, sign in ((known[known < since][: BASELINE + 1], -1.0), (known[known >= since][-RECENT:], 1.0)):
         precision = sigmas[part] ** -2.0
         weights[part] += sign * precision / precision.sum()
     change = weights[known] @ values[known]
@@ -165,8 +170,9 @@ def common_change(means: ArrayLike, sigmas: ArrayLike) -> tuple[Floats, Floats]:
     By the median of u = mean / σ, which a few robots that moved alone hardly change. Its variance without a change is
     π / (2 n) at most: that of large n, and less for few. The change is in the unit of the charts by their median σ.
     """
-    ratio, count = _median(np.asarray(means, float) / sigmas)
-    size, _ = _median(np.where(np.isfinite(means), sigmas, np.nan))
+    mean, sigma = np.asarray(means, float), np.asarray(sigmas, float)
+    ratio, count = _median(np.asarray(mean / sigma))
+    size, _ = _median(np.where(np.isfinite(mean), sigma, np.nan))
     return np.asarray(ratio * size), np.asarray(size * np.sqrt(0.5 * np.pi / np.maximum(count, 1)))
 
 

@@ -18,7 +18,13 @@ from cellctl.calibration.model.parameter import MM, RAD
 from cellctl.clock import calendar_time
 from cellctl.kinematics import Bools, Floats
 from cellctl.metrology.daily_check import DailyAction
-from cellctl.metrology.drift_charts import DriftCharts, alarm_limit, common_change, found_shift, recent_change
+from cellctl.metrology.drift_charts import (
+    DriftCharts,
+    alarm_limit,
+    common_change,
+    found_shift,
+    recent_change,
+)
 from cellctl.operations.fleet_charts import ChartedRobot, Kinds, SmallSigma, charted_robots, judge_all
 from cellctl.operations.run_indexing import instant
 from cellctl.run_index import RunIndex
@@ -65,7 +71,7 @@ class Moved:
         """In a phrase."""
         tool = "" if self.mm is None else f", {self.mm:.2f} mm at the tool"
         digits = max(0, 1 - int(np.floor(np.log10(self.sigma))))  # two digits of σ
-        change = f"{self.change:+.{digits}f} ± {self.sigma:.{digits}f}"
+        change = f"{self.change:+.{digits}f} ± {self.sigma:.{digits}f}".replace("-", "−")
         return f"{self.label} {change} {self.unit} since {self.since[:10]}{tool}"
 
 
@@ -145,7 +151,7 @@ class Fleet:
 class ParameterChart:
     """The chart of a parameter over the runs of its robot, in `unit` as shown to people; None where not judged.
 
-    values, sigmas: of each run less the reference run; means: EWMA less reference; limits: ± at each run. scale: σ was
+    values, sigmas: of each run, less the reference; means: EWMA less reference; limits: ± at each run. scale: σ was
     widened by it. found: the step that is found within ten more runs like the last one with 90 %.
     """
 
@@ -230,13 +236,13 @@ def fleet(index: RunIndex, runs: Path, *, robot_type: str = "", site: str = "", 
 def _parameter_chart(robot: ChartedRobot, charts: DriftCharts, place: int, kinds: Kinds) -> ParameterChart:
     factor, shown = _shown(robot.units[place])
     sigma = charts.sigma[:, place] * factor
-    last = _last(sigma)
+    values, spread, last = robot.values[:, place], robot.sigmas[:, place] * robot.scale[place], _last(sigma)
     return ParameterChart(
         robot.names[place],
         kinds.label(robot.rows[0], robot.names[place]),
         shown,
-        _numbers((robot.values[:, place] - robot.values[0, place]) * factor),
-        _numbers(robot.sigmas[:, place] * robot.scale[place] * factor),
+        _numbers((values - charts.reference[place]) * factor),
+        _numbers(spread * factor),
         _numbers(charts.mean[:, place] * factor),
         _numbers(robot.limit * sigma),
         round(float(robot.scale[place]), 3),

@@ -156,13 +156,14 @@ def _reference(rows: Sequence[Any], in_force: str | None) -> int:
 
 def _runs_in_force(runs: Path) -> dict[str, str]:
     """Serial → the run whose model the table in force is of, of the controllers with a history."""
-    found = {}
+    found: dict[str, str] = {}
     for history in histories(runs):
         entries, _ = history.read()
         if entries and entries[-1].state == "in force":
             begin = entries[-1].begin
             run = (begin.facts and begin.facts.run) or begin.run
-            found |= {history.serial: run} if run else {}
+            if run:
+                found[history.serial] = run
     return found
 
 
@@ -237,15 +238,16 @@ def judge_all(robots: Collection[ChartedRobot], types: Mapping[str, str]) -> lis
 def _chart_all(robots: Collection[ChartedRobot]) -> None:
     """Chart all robots at once, side by side, with missing runs at the end of those that have fewer."""
     longest = max((len(robot.rows) for robot in robots), default=0)
-    rows = [((0, longest - len(robot.rows)), (0, 0)) for robot in robots]
-    pairs = list(zip(robots, rows, strict=True))
+    pairs = [(robot, ((0, longest - len(robot.rows)), (0, 0))) for robot in robots]
     if pairs:
         values = np.hstack([np.pad(robot.values, room, constant_values=np.nan) for robot, room in pairs])
         sigmas = np.hstack([np.pad(robot.sigmas * robot.scale, room, constant_values=np.nan) for robot, room in pairs])
         charts, column = drift_charts(values, sigmas), 0
         for robot in robots:
-            part = slice(len(robot.rows)), slice(column, column + len(robot.names))
-            robot.charts, column = DriftCharts(charts.mean[part], charts.sigma[part]), part[1].stop
+            own = slice(column, column + len(robot.names))
+            rows = slice(len(robot.rows))
+            robot.charts = DriftCharts(charts.mean[rows, own], charts.sigma[rows, own], charts.reference[own])
+            column = own.stop
 
 
 def _scale(squares: Floats) -> tuple[int, float, bool]:

@@ -355,16 +355,19 @@ class RunIndex:
         conditions += [RUNS.c.serial == serial] if serial else []
         wanted = select(*columns, RUNS.c.due_days).where(*conditions)
         with self._read() as connection:
-            return list(connection.execute(wanted.order_by(RUNS.c.serial, RUNS.c.began, RUNS.c.run)).all())
+            found: list[Any] = [*connection.execute(wanted.order_by(RUNS.c.serial, RUNS.c.began, RUNS.c.run)).all()]
+            return found
 
-    def parameters_of(self, place: str, runs: Sequence[str], determined: float) -> list[Row[Any]]:
+    def parameters_of(
+        self, place: str, runs: Sequence[str], determined: float
+    ) -> list[tuple[str, str, str, float, float]]:
         """Run, name, unit, value and σ of the parameters of these runs whose σ their rows made smaller than
         `determined` times that before them.
         """
         of = PARAMETERS.c
         wanted = select(of.run, of.name, of.unit, of.value, of.sigma)
         wanted = wanted.where(of.place == place, of.sigma < determined * of.prior_sigma)
-        found: list[Row[Any]] = []
+        found: list[Any] = []
         with self._read() as connection:
             for start in range(0, len(runs), _AT_A_TIME):
                 found += connection.execute(wanted.where(of.run.in_(runs[start : start + _AT_A_TIME]))).all()

@@ -29,6 +29,7 @@ PAGES = (
     "/runs",
     "/compare",
     "/daily",
+    "/fleet",
     "/tables",
     "/api",
     "/start?procedure=no+such&cell=no+such",

@@ -33,6 +33,7 @@ PAGES = (
     "/runs",
     "/compare",
     "/daily",
+    "/fleet",
     "/tables",
     "/api",
 )

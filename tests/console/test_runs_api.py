@@ -75,6 +75,17 @@ def test_two_runs_are_compared_and_a_robots_drift_is_shown(client: ApiClient) ->
     assert client.get("/api/daily").json() == {"histories": [], "left_out": left_out, "total": 0}
 
 
+def test_a_fleet_has_its_robots_with_reasons_and_their_charts(client: ApiClient) -> None:
+    robots = {robot["serial"]: robot for robot in client.get("/api/fleet").json()["robots"]}
+    assert [each["name"] for each in robots["925185"]["moved"]] == []
+    assert robots["925185"]["calibration"] == "sphere-9"
+    charts = client.get("/api/fleet/925185").json()
+    assert charts["runs"] == ["sphere-9", "sphere-10", "sphere-11"]
+    assert "a4" in {each["name"] for each in charts["parameters"]}
+    assert client.get("/api/fleet", params={"type": "none"}).json()["robots"] == []
+    assert client.get("/api/fleet/no such").status_code == 404
+
+
 @pytest.mark.parametrize(
     "name",
     [

@@ -147,7 +147,7 @@ def test_the_notice_of_a_busy_controller_goes_when_the_controller_is_free(page: 
 
 
 @pytest.mark.parametrize(
-    "path", ["/tables", "/daily", "/run/sphere-11/result", "/compare?a=sphere-10&b=sphere-11", "/api"]
+    "path", ["/tables", "/daily", "/fleet", "/run/sphere-11/result", "/compare?a=sphere-10&b=sphere-11", "/api"]
 )
 def test_every_table_has_a_name_and_headings_and_is_scrolled_by_keyboard(
     page: Any, served: ConsoleProcess, path: str

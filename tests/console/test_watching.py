@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cellctl.console import watching
+from cellctl.console.alarms import Cause
 from cellctl.console.live import LiveRuns
-from cellctl.console.overview import calibration_causes, known_cells, rows_of_cells
+from cellctl.console.overview import calibration_causes, drift_causes, known_cells, rows_of_cells
 from cellctl.console.run_queue import PATIENCE, Planned
 from cellctl.console.sessions import operator_named
 from cellctl.console.watching import Watch
@@ -28,6 +29,9 @@ from cellctl.journal import (
     StepFailure,
     StepStarted,
 )
+from cellctl.operations.fleet import fleet
+from cellctl.run_index import RunIndex
+from tests.helpers.arms import kr5_model
 from tests.helpers.engine import WrittenRun, registry
 from tests.helpers.journals import run_in
 
@@ -235,6 +239,34 @@ def test_a_calibration_is_due_by_the_age_in_the_cell_file_until_a_newer_run(tmp_
         assert raised(watch) == [("calibration", "", "calibrated")]
 
     watched(runs, see)
+
+
+def test_a_robot_whose_parameter_moved_raises_an_alarm_until_its_charts_are_within_their_limits(tmp_path: Path) -> None:
+    def robots(index: RunIndex) -> Iterator[tuple[Cause, bool]]:
+        return drift_causes(fleet(index, tmp_path, now="2027-01-01T00:00:00Z").robots)
+
+    def calibrated(month: int, zero: float) -> None:
+        place = run_in(tmp_path, f"run-{month}", f"2026-{month:02d}-01", "SIM-7")
+        kr5_model(errors={"theta3": zero}).save(place / "model.json")
+
+    for month in range(1, 7):
+        calibrated(month, 1e-6 * month)
+    calibrated(7, 1e-3)
+
+    async def see(watch: Watch) -> None:
+        watch.due = robots
+        watch._due["calibrations"] = 0.0
+        await until(lambda: raised(watch) == [("chart", "", "")])
+        assert watch.alarms.all[0].what.startswith("SIM-7 moved: θ3 +0.057")
+        for month in range(8, 13):
+            calibrated(month, 1e-6 * month)
+        async with asyncio.timeout(PATIENCE_S):
+            while watch.alarms.standing:
+                watch._due["calibrations"] = 0.0
+                await asyncio.sleep(0.02)
+        assert raised(watch) == [("chart", "", "within its limits")]
+
+    watched(tmp_path, see)
 
 
 def test_what_waits_for_a_person_is_a_question_a_pause_and_an_offer_and_a_lapsed_offer_is_an_alarm(

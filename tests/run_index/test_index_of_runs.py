@@ -21,6 +21,7 @@ from cellctl.cli import exit_codes
 from cellctl.cli.verbs import app
 from cellctl.files import InputError
 from cellctl.operations import run_list
+from cellctl.operations.fleet import fleet
 from cellctl.operations.launch import tell_index
 from cellctl.operations.run_indexing import (
     current_index,
@@ -31,9 +32,10 @@ from cellctl.operations.run_indexing import (
     verify_index,
 )
 from cellctl.run_index import FILE_NAME, VARIABLE, RunFilter, opened_index
+from tests.helpers.arms import kr5_model
 from tests.helpers.engine import WrittenRun
 from tests.helpers.journals import run_in
-from tests.helpers.many_runs import made_check, made_runs, not_durable
+from tests.helpers.many_runs import made_calibration, made_check, made_runs, not_durable
 from tests.run_index.conftest import Server
 
 CUTS = 30
@@ -316,8 +318,16 @@ def test_a_server_serves_several_folders_and_knows_a_run_that_moved_between_them
     assert str(other) in note
     with opened_index(runs) as index:
         assert len(index.lines(RunFilter(), "run", everywhere=True)) == 9
+    kr5_model().save(tmp_path / "model.json")
+    made_calibration(other, 7, 30, tmp_path / "model.json")
+    rebuild_index(other)
+    with opened_index(runs) as index:  # a fleet is that of all folders
+        robots = {each.serial: each.charts for each in fleet(index, runs).robots}
+        assert len(robots) == 3
+        assert robots.pop("R00007") > 20
+        assert set(robots.values()) == {0}
     assert verify_index(runs).agrees
-    assert rebuild_index(other).runs == 3
+    assert rebuild_index(other).runs == 4
 
 
 def test_the_list_of_all_hosts_says_of_each_run_where_it_is(

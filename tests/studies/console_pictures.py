@@ -13,13 +13,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from PIL import Image
 
+from tests.helpers.arms import kr5_model
 from tests.helpers.console import ConsoleProcess, browser, console_process
-from tests.helpers.journals import check
+from tests.helpers.journals import check, run_in
 from tests.helpers.runs import ROOT
 
 _WIDTH = 1360
+NOISE = {"t": 5e-5, "a": 0.05, "d": 0.05}
+DRIFTING = ("theta2", "theta3", "theta4", "theta5", "a2", "a3", "d4")
+"""Parameters of the made fleet, with the σ of a run: rad for angles, mm for lengths, by their first letters."""
 UR10 = ROOT.parent / "shared" / "data" / "ur10_tracker" / "measurements_grid.csv"
 
 
@@ -60,7 +65,22 @@ def _views(page: Any, console: ConsoleProcess, folder: Path) -> None:
     page.goto(f"{console.url}/daily")
     page.wait_for_timeout(4000)
     _picture(page, folder / "console-daily.png", 1000)
+    _fleet(console.runs)
+    page.goto(f"{console.url}/fleet?type=KR5+R1400")
+    page.wait_for_timeout(6000)
+    _picture(page, folder / "console-fleet.png", 1100)
     _analysis(page, console, folder)
+
+
+def _fleet(runs: Path) -> None:
+    """Monthly runs of six robots in 2026, one with a joint zero that moved, one with a link that grows."""
+    rng = np.random.default_rng(1)
+    for robot in range(6):
+        for month in range(1, 12):
+            moved = {"theta3": 9e-4 * (robot == 1 and month > 7), "a2": 0.05 * month * (robot == 4)}
+            errors = {each: moved.get(each, 0.0) + rng.normal(0.0, NOISE[each[0]]) for each in DRIFTING}
+            place = run_in(runs, f"sphere-{robot}-{month:02d}", f"2026-{month:02d}-0{1 + robot}", f"SIM-92518{robot}")
+            kr5_model(errors=errors).save(place / "model.json")
 
 
 def _started(page: Any, console: ConsoleProcess, folder: Path) -> str:

@@ -123,7 +123,7 @@ def _row(robot: FleetRobot, robot_type: str, site: str) -> list[Cell]:
 def _charts(found: Fleet, charts: RobotCharts, robot_type: str, site: str) -> None:
     robot = next(each for each in found.robots if each.serial == charts.serial)
     note = (
-        f"{len(charts.runs)} runs since {charts.runs[0]}, {robot.charts} parameters. Points: moving average less "
+        f"{len(charts.runs)} runs from {charts.runs[0]} on, {robot.charts} parameters. Points: moving average less "
         "reference; dashed: its limits; bars: single runs with 2 σ. Diamonds are outside the limits."
     )
     with section(f"Charts of {charts.serial}", note=note).props("id=charts"):
