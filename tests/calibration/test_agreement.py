@@ -83,6 +83,7 @@ def test_hardly_determined_calibrations_are_not_judged():
     assert "6 are needed" in found.sentence
 
 
+@pytest.mark.long
 def test_spheres_and_tracker_agree_on_simulated_robots_and_a_wrong_scale_of_the_tracker_does_not_pass():
     right, wrong = ([compared(seed, case)[0] for seed in range(1, 5)] for case in ("none", "tracker 200 ppm"))
     assert all(each.verdict != "disagree" for each in right)

@@ -99,6 +99,7 @@ def test_the_model_of_a_changed_robot_is_as_sure_as_it_says(changed):
     assert np.mean([one.nees for one in found]) == pytest.approx(1.0, abs=0.35)
 
 
+@pytest.mark.long
 def test_an_update_of_a_changed_robot_is_better_than_its_older_model():
     updated = Updated.of(0, "theta3", np.radians(0.1))
     assert fit(updated.task, Split.folds(40, 5, 0)).verdict == "better"

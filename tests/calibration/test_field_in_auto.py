@@ -42,6 +42,7 @@ def fitted(size, model="auto", seed=6, outlier=None):
     return measured, fit(measured.task, Split.by_column(np.arange(len(readings)) >= FIT))
 
 
+@pytest.mark.long
 def test_auto_keeps_the_field_where_held_out_rows_gain_and_its_sigma_is_right():
     _, result = fitted(1.0)
     assert result.model.split("+")[-1] == "field"
@@ -164,6 +165,7 @@ def test_a_field_of_wrong_shape_is_refused(lengths, expected, message):
         JointField(np.zeros((1, 4)), lengths, expected)
 
 
+@pytest.mark.long
 def test_a_far_outlier_is_left_out_and_changes_the_field_hardly():
     _, clean = fitted(1.0)
     _, result = fitted(1.0, outlier=17)

@@ -84,6 +84,7 @@ def test_a_truth_outside_the_tolerances_is_found_all_the_same_and_said(setup, wh
 ONE_ORIENTATION, TWO_ORIENTATIONS = [UPRIGHT], [UPRIGHT, TILTED]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turns", [ONE_ORIENTATION, TWO_ORIENTATIONS], ids=["one", "two"])
 def test_few_orientations_predict_right_where_they_were_and_say_so_elsewhere(turns):
     pairs = [elsewhere(*fixed(seed, turns)) for seed in range(3)]
@@ -95,6 +96,7 @@ def test_few_orientations_predict_right_where_they_were_and_say_so_elsewhere(tur
     assert np.mean([one.nees for one in others]) < 3.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turns", [ONE_ORIENTATION, TWO_ORIENTATIONS], ids=["one", "two"])
 def test_few_orientations_leave_tool_and_base_untold_apart_and_it_is_said(turns):
     """In one orientation all three directions of the tool are the base's as well; in two, that of the turn's axis."""

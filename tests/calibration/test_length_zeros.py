@@ -56,6 +56,7 @@ def error_of_zeros(found, zeros, wires):
     return found.state.datums[wires] - zeros[wires], found.covariance[np.ix_(at, at)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pairs", [TO_OWN_ANCHOR, TO_BOTH_ANCHORS, BESIDE_AN_ABSOLUTE_ONE])
 def test_zeros_are_found_with_the_robot_as_well_as_is_said(pairs):
     wires, squares, shapes = sorted({wire for wire, _ in pairs if wire >= 0}), [], []

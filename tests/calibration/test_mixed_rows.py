@@ -89,6 +89,7 @@ def test_the_error_of_the_shape_is_the_one_said_for_each_kind_and_for_all_togeth
     assert abs(rms(true) / rms(said) - 1.0) < SPREAD
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noisy", SIGMA)
 def test_the_noise_of_one_kind_does_not_spoil_the_others(noisy):
     with_it, without = [], []

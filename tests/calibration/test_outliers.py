@@ -144,6 +144,7 @@ def test_wild_touches_do_not_hide_behind_clean_ones(how_many, seed):
     assert found.growth == 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("setup", "seeds"), [("SPH", 8), ("positions", 8), ("poses", 8)])
 def test_five_wild_rows_in_fifty_are_found_and_only_these(setup, seeds):
     draws = [SETUPS[setup](seed) for seed in range(seeds)]

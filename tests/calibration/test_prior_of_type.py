@@ -1,6 +1,7 @@
 """A robot fitted with what others of its type were like."""
 
 import numpy as np
+import pytest
 
 from cellctl.calibration.rows.type_rows import OF_TYPE, TypePrior
 from tests.helpers.honesty import fitted
@@ -43,6 +44,7 @@ def test_a_spread_as_wide_as_the_tolerance_changes_nothing():
     assert np.array_equal(without.found, within.found)
 
 
+@pytest.mark.long
 def test_eight_rows_are_worth_more_with_the_prior_of_the_others():
     runs = [fitted(measured("positions", 50, 5, robot, "common", again=False)) for robot in range(12)]
     errors = []

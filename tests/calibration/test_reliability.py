@@ -57,6 +57,7 @@ def test_a_noise_that_is_larger_by_one_factor_is_found_as_such_and_not_raised_ag
     np.testing.assert_allclose(result.identification.noise, 3.0, rtol=0.1)
 
 
+@pytest.mark.long
 def test_touches_that_show_a_model_error_enlarge_every_sigma_and_positions_do_not():
     """Decision 76 has the factor, from robots whose effects tuned σ."""
     lacking = TUNING["these three"](1000)

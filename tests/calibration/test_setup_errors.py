@@ -146,6 +146,7 @@ def test_a_reversed_joint_is_named(measured, joint):
     assert first == [f"A{joint} reversed"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("joint", "by"), [(2, 90.0), (3, -12.0), (4, 180.0)])
 def test_a_joint_that_counts_from_another_zero_is_named_with_the_angle(measured, joint, by):
     wrong = changed(measured.readings, **{f"A{joint}": lambda angle: angle + by})
@@ -172,6 +173,7 @@ def test_a_zero_off_by_less_than_two_degrees_is_left_to_the_identification(kuka,
         assert bool(errors) == (by == 4.0), errors
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
@@ -193,12 +195,14 @@ def test_three_wrong_joints_are_named_together(kuka):
     assert [said.split()[0] for said in first] == ["A2", "A3", "A5"]
 
 
+@pytest.mark.long
 def test_radians_in_columns_of_degrees_are_named(measured):
     wrong = np.deg2rad(measured.readings)
     first = named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)[0]
     assert first == ["joint readings are radians in columns of degrees"]
 
 
+@pytest.mark.long
 def test_degrees_in_columns_of_radians_are_named(measured):
     wrong = np.rad2deg(measured.readings)
     first = named(positions(measured.robot, wrong, measured.xyz), measured.robot, wrong)[0]
@@ -211,6 +215,7 @@ def test_positions_in_another_unit_are_named(measured, unit, mm):
     assert named(task, measured.robot, measured.readings) == [[f"X, Y, Z are {unit}"]]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hand", [np.diag([-1, 1, 1]), np.diag([1, 1, -1]), np.eye(3)[[1, 0, 2]]])
 def test_a_left_handed_frame_is_named(measured, hand):
     task = positions(measured.robot, measured.readings, measured.xyz @ hand)
@@ -232,6 +237,7 @@ def test_swapped_columns_of_joints_are_named(measured):
     assert first == ["columns A2 and A3 are swapped"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", [1, -3, 5])
 def test_measurements_out_of_step_in_all_rows_are_named(measured, by):
     wrong = np.roll(measured.readings, by, axis=0)
@@ -241,6 +247,7 @@ def test_measurements_out_of_step_in_all_rows_are_named(measured, by):
     assert what == f"in all rows the measurements belong to the joints of {which} {side}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.15, 0.5, 0.8])
 def test_the_row_from_which_on_measurements_are_out_of_step_is_named(measured, share):
     start = int(share * len(measured.readings))
@@ -260,6 +267,7 @@ def test_two_exchanged_rows_are_named(measured):
     assert error.changes[0].words("row {}".format) == "the measurements of row 12 and row 37 are exchanged"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sequence", ["XYZ", "xyz", "YZX"])
 def test_euler_angles_in_another_order_are_named(kuka, sequence):
     read = Rotation.from_euler("ZYX", kuka.turns.as_euler(sequence, degrees=True), degrees=True)
@@ -268,6 +276,7 @@ def test_euler_angles_in_another_order_are_named(kuka, sequence):
     assert first == [f"A, B, C are {sequence.upper()} angles, about the {axes} axes"]
 
 
+@pytest.mark.long
 def test_the_order_of_real_euler_angles_is_found(tracker):
     read = Rotation.from_euler("ZYX", tracker.angles, degrees=True)
     errors = found(poses(UR10, tracker.readings, tracker.xyz, read), UR10, tracker.readings)
@@ -300,6 +309,7 @@ def with_links(task, convention, scale=1.0):
     return replace(task, model=replace(task.model, chain=SerialChain.from_links(convention, links)))
 
 
+@pytest.mark.long
 def test_a_table_in_the_other_convention_is_named(measured):
     task = with_links(positions(measured.robot, measured.readings, measured.xyz), "dh-craig")
     first = found(task, measured.robot, measured.readings)[0].changes[0]
@@ -307,6 +317,7 @@ def test_a_table_in_the_other_convention_is_named(measured):
     assert first.cure == "convention: mdh-hayati"
 
 
+@pytest.mark.long
 def test_link_lengths_in_metres_are_named(measured):
     task = with_links(positions(measured.robot, measured.readings, measured.xyz), "mdh-hayati", 0.001)
     assert named(task, measured.robot, measured.readings) == [["link lengths are metres"]]
@@ -318,6 +329,7 @@ def test_two_errors_of_different_kinds_are_named_together(kuka):
     assert named(positions(KR5, wrong, kuka.xyz / 1000), KR5, wrong)[0] == ["X, Y, Z are metres", "A2 reversed"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("outliers", [3, 25])
 def test_outliers_hide_no_error(outliers):
     data = Measured(21, 80, outliers=outliers)
@@ -447,6 +459,7 @@ def wide_fit(task, robot, readings):
     return WideFit.of(Setup(task, robot.joint_map(), readings))
 
 
+@pytest.mark.long
 def test_the_file_of_another_robot_does_not_belong_to_the_rows():
     data = Measured(2, 150, robot=UR10)
     fit = wide_fit(positions(KR5, data.readings, data.xyz), KR5, data.readings)

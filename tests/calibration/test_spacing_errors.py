@@ -130,6 +130,7 @@ def test_distances_wrong_by_one_factor_are_found_by_that_factor(spheres, factor)
     assert contradicted.what.startswith(f"all {contradicted.count} spacings that can be checked: × ")
 
 
+@pytest.mark.long
 def test_a_sphere_whose_touches_fit_two_centres_is_not_used():
     """Alone, these rows put S8 13 mm from where it is."""
     task = all_between(16)

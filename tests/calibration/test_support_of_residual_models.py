@@ -108,6 +108,7 @@ def test_harmonics_that_fail_at_an_end_of_a_joint_are_kept_without_the_bands_tha
     assert len({joint for joint, order in harmonics.waves if order <= SLOW} & {1, 2, 3}) < 3
 
 
+@pytest.mark.long
 @needs_data
 def test_harmonics_of_36_postures_that_fail_at_an_end_are_left_out():
     assert "harmonics" not in {effect.group for effect in climbed(36, 0).task.model.effects}

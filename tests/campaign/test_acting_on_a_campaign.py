@@ -16,6 +16,7 @@ from tests.helpers.runs import PATIENCE_S, ROOT, UNHURRIED, cell_with, cellctl, 
 pytestmark = pytest.mark.campaign
 
 
+@pytest.mark.long
 def test_a_campaign_is_paused_continued_and_ended_by_sigterm_as_by_ctrl_c(tmp_path: Path) -> None:
     procedure, cell = touches_procedure(tmp_path, fit=30), cell_with(tmp_path, UNHURRIED)
     runs = tmp_path / "runs"

@@ -106,6 +106,7 @@ def test_a_wrong_sentype_is_named(tmp_path: Path) -> None:
     _cleanly_failed(ended, touches=0)
 
 
+@pytest.mark.long
 def test_a_probe_that_is_closed_at_arming_starts_no_search(tmp_path: Path) -> None:
     ended = _touches_with("fault: probe.closed, search: 2, after_ms: 5500", tmp_path)
     assert isinstance(ended.outcome.error, ProbeNotOpen)
@@ -113,6 +114,7 @@ def test_a_probe_that_is_closed_at_arming_starts_no_search(tmp_path: Path) -> No
     assert len(ended.truth) == 2
 
 
+@pytest.mark.long
 def test_a_wire_break_in_a_search_stops_the_robot(tmp_path: Path) -> None:
     ended = _touches_with("fault: probe.wire_break, search: 3, after_ms: 400", tmp_path)
     assert isinstance(ended.outcome.error, DeviceFault)
@@ -121,6 +123,7 @@ def test_a_wire_break_in_a_search_stops_the_robot(tmp_path: Path) -> None:
     assert len(ended.truth) == 2, "the tip must not have reached the sphere"
 
 
+@pytest.mark.long
 def test_a_probe_silent_for_200_ms_in_a_search_stops_the_robot(tmp_path: Path) -> None:
     ended = _touches_with("fault: probe.silent, search: 3, after_ms: 300", tmp_path)
     assert isinstance(ended.outcome.error, DeviceLost)
@@ -201,6 +204,7 @@ def test_the_operators_stop_in_a_search_ends_the_run(tmp_path: Path) -> None:
     _cleanly_failed(ended, touches=2)
 
 
+@pytest.mark.long
 def test_abort_in_a_search_leaves_the_robot_held_and_everything_recorded(tmp_path: Path) -> None:
     async def abort_in_the_third_search(mailbox: Mailbox, simulated: SimulatedCell) -> None:
         while (await simulated.tell({"op": "status"}))["searches"] < 3:

@@ -19,6 +19,7 @@ steps:
 """
 
 
+@pytest.mark.long
 def test_a_wire_that_breaks_in_a_transfer_stops_the_robot_and_the_touch_is_done_again(tmp_path: Path) -> None:
     procedure = touches_procedure(tmp_path, fit=5)
     procedure.write_text(procedure.read_text().replace("steps:\n", INTERLOCKS, 1))

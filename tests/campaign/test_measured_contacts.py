@@ -48,6 +48,7 @@ def test_without_scatter_the_measured_contact_is_the_true_one_to_a_hundredth(tmp
     assert off_truth(ended, cell, tmp_path).max() <= ALLOWANCE_MM
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("mode", "cycle"), [("absolute", "ipo"), ("relative", "ipo_fast"), ("relative", "ipo")])
 def test_the_measured_contact_is_the_true_one_in_the_other_modes_and_cycles_of_rsi_on(
     tmp_path: Path, mode: str, cycle: str

@@ -64,6 +64,7 @@ def test_moves_end_where_program_and_correction_put_them_and_without_it_where_th
     assert after == pytest.approx(HERE, abs=NEAR_DEG)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "error"),
     [("fault: rsi.stall, at_ms: 4000, for_ms: 3000", DeviceError), ("fault: robot.restart, at_ms: 4000", DeviceLost)],
@@ -92,6 +93,7 @@ NARROW = CorrectionModel("narrow", {**MODEL.arrays, "upper": (10.0, *[170.0] * 5
 LARGE = CorrectionModel("large", {name: tuple(values) for name, values in wavy_model(5.0, span_deg=170.0).items()})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", [OTHER, NARROW, LARGE], ids=["swapped", "outside the region", "at the limit"])
 def test_a_model_that_arrives_in_mid_motion_makes_no_leap(tmp_path, model):
     async def go():
@@ -142,6 +144,7 @@ asyncio.run(main())
 """
 
 
+@pytest.mark.long
 def test_an_engine_killed_in_mid_correction_leaves_a_robot_that_is_held_without_a_leap(tmp_path):
     cell = heavy_with(tmp_path)
     with watched_cell(cell) as watched:
@@ -159,6 +162,7 @@ def test_an_engine_killed_in_mid_correction_leaves_a_robot_that_is_held_without_
         assert watched.largest_step() <= STEP_DEG
 
 
+@pytest.mark.long
 def test_a_stop_holds_the_robot_and_rsi_is_off(tmp_path):
     async def go():
         async with simulated_robot(heavy_with(tmp_path)) as bench:
@@ -183,6 +187,7 @@ def test_a_stop_holds_the_robot_and_rsi_is_off(tmp_path):
     assert after == pytest.approx(HERE, abs=NEAR_DEG)
 
 
+@pytest.mark.long
 def test_a_correction_that_ended_at_the_pendant_is_not_taken_for_one_that_is_on(tmp_path):
     async def go():
         async with simulated_robot(heavy_with(tmp_path)) as bench:
@@ -202,6 +207,7 @@ def test_a_correction_that_ended_at_the_pendant_is_not_taken_for_one_that_is_on(
     assert asyncio.run(go()).cycles > 0
 
 
+@pytest.mark.long
 def test_after_a_message_of_the_controller_it_is_off_and_can_be_switched_on_again(tmp_path):
     async def go():
         async with simulated_robot(heavy_with(tmp_path)) as bench:
@@ -222,6 +228,7 @@ def test_after_a_message_of_the_controller_it_is_off_and_can_be_switched_on_agai
     assert asyncio.run(go()).cycles > 0
 
 
+@pytest.mark.long
 def test_switched_off_while_the_robot_moves_it_fades_and_ends_with_the_motion(tmp_path):
     async def go():
         async with simulated_robot(heavy_with(tmp_path)) as bench:
@@ -240,6 +247,7 @@ def test_switched_off_while_the_robot_moves_it_fades_and_ends_with_the_motion(tm
     assert asyncio.run(go()) == ""
 
 
+@pytest.mark.long
 def test_a_model_over_the_limit_everywhere_is_refused_and_rsi_stays_off(tmp_path):
     model = CorrectionModel("far off", {name: tuple(values) for name, values in wavy_model(80.0).items()})
 

@@ -76,6 +76,7 @@ def test_a_beam_that_is_broken_for_a_moment_costs_an_attempt_and_nothing_else(tm
     assert told(ended, tmp_path, capsys).exit == 0
 
 
+@pytest.mark.long
 def test_a_reflector_that_is_lost_for_good_ends_the_run_after_three_attempts(tmp_path: Path, capsys: Any) -> None:
     ended = run(tmp_path, f"fault: tracker.reflector_lost, {EARLY}")
     end = told(ended, tmp_path, capsys)
@@ -109,6 +110,7 @@ BOTH = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "interlock", "message"), BOTH)
 def test_the_safety_chain_opened_in_motion_pauses_the_run_until_a_person_ends_it(
     tmp_path: Path, capsys: Any, fault: str, interlock: str, message: str
@@ -224,6 +226,7 @@ def test_without_the_sensor_of_the_arm_the_campaign_is_done_without_its_temperat
     assert verdict_of(ended).better
 
 
+@pytest.mark.long
 def test_a_drive_that_restarts_ends_the_run_and_is_named(tmp_path: Path, capsys: Any) -> None:
     ended = run(tmp_path, "fault: drives.reboot, node: 3, event: robot.move, count: 4")
     end = told(ended, tmp_path, capsys)
@@ -321,6 +324,7 @@ def test_a_station_that_keeps_moving_ends_the_run(tmp_path: Path, capsys: Any) -
     assert_ended_safely(ended)
 
 
+@pytest.mark.long
 def test_an_instrument_that_is_tilted_beyond_its_compensator_ends_the_run(tmp_path: Path, capsys: Any) -> None:
     ended = run(tmp_path, f"fault: tracker.tilt, {EARLY}, arcmin: 10")
     end = told(ended, tmp_path, capsys)

@@ -102,6 +102,7 @@ def tables_of(eki: str) -> tuple[str | None, str | None]:
     return found.get("Active"), found.get("Previous")
 
 
+@pytest.mark.long
 def test_an_abort_after_the_push_takes_the_table_back_and_a_resumed_run_puts_it_into_force_again(
     tmp_path: Path,
 ) -> None:

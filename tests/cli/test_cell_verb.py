@@ -24,6 +24,7 @@ def made(out: Path, robot: str, *words: str) -> dict[str, list[str]]:
     return said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["ur5e", "kr5_arc"])
 def test_a_cell_with_a_probe_passes_the_check_of_the_campaign(robot: str, tmp_path: Path) -> None:
     said = made(tmp_path / "my_cell.yaml", robot, "--probe")

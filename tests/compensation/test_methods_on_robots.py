@@ -148,6 +148,7 @@ def test_passes_on_a_tx60_with_the_papers_errors_leave_what_the_paper_prints():
         assert mean[2] < 2e-5
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(
     name=st.sampled_from(list(ROBOTS)),

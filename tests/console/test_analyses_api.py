@@ -76,6 +76,7 @@ def test_a_data_file_is_uploaded_understood_fitted_and_its_results_downloaded(tm
     assert audit.count('"operator": "Ada"') == 2
 
 
+@pytest.mark.long
 def test_a_binary_is_refused_and_not_kept(tmp_path: Path) -> None:
     answer = upload(tmp_path, {"data": ("data.csv", bytes(range(256)) * 40)})
     problem = answer.json()["problems"][0]
@@ -161,6 +162,7 @@ def test_only_the_files_of_an_analysis_are_served(tmp_path: Path, file: str) -> 
     assert answer.status_code == 404
 
 
+@pytest.mark.long
 def test_targets_are_compensated_and_downloaded(tmp_path: Path) -> None:
     folder, _ = analyses.new_analysis(tmp_path, "Ada", "poses.csv")
     kr5_model().save(folder / analyses.MODEL)

@@ -63,6 +63,7 @@ def test_ctrl_c_and_sigterm_end_a_console_with_code_0(tmp_path: Path, number: si
         assert console.process.wait(30) == 0
 
 
+@pytest.mark.long
 def test_a_browser_loads_nothing_from_another_host_and_shows_that_no_button_is_a_safety_stop(
     served: ConsoleProcess,
 ) -> None:
@@ -81,6 +82,7 @@ def test_a_browser_loads_nothing_from_another_host_and_shows_that_no_button_is_a
     assert problems == []
 
 
+@pytest.mark.long
 def test_a_browser_gives_commands_after_the_token_and_a_name(served: ConsoleProcess) -> None:
     with browser() as chromium:
         page = chromium.new_page()
@@ -97,6 +99,7 @@ def test_a_browser_gives_commands_after_the_token_and_a_name(served: ConsoleProc
         page.get_by_label("Operator").get_by_text("Ada").wait_for()
 
 
+@pytest.mark.long
 def test_an_unknown_address_is_a_page_of_the_console_with_a_way_back(served: ConsoleProcess) -> None:
     with browser() as chromium:
         page = chromium.new_page()

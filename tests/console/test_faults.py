@@ -130,6 +130,7 @@ def test_a_form_that_is_cut_off_is_refused_with_the_reason(console: ConsoleProce
     assert not list(console.runs.glob("analyses/*"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [

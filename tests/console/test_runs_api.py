@@ -57,6 +57,7 @@ def test_runs_are_listed_and_searched_without_a_token(client: ApiClient) -> None
     assert found[0]["after"] == {"mean": 1.0, "rms": 1.1, "max": 2.0}
 
 
+@pytest.mark.long
 def test_an_unreadable_run_says_why(client: ApiClient) -> None:
     (torn,) = client.get("/api/runs", params={"state": "unreadable"}).json()
     assert torn["sentence"]
@@ -145,6 +146,7 @@ def test_a_report_is_served_without_rights_to_scripts_and_other_hosts(client: Ap
     assert client.get("/api/runs/sphere-9/report").status_code == 404
 
 
+@pytest.mark.long
 def test_an_export_is_made_and_named_after_its_run(client: ApiClient) -> None:
     answer = client.get("/api/runs/sphere-11/export", params={"form": "jsonl"})
     assert answer.headers["content-disposition"] == 'attachment; filename="sphere-11-events.jsonl"'
@@ -152,6 +154,7 @@ def test_an_export_is_made_and_named_after_its_run(client: ApiClient) -> None:
     assert client.get("/api/runs/sphere-11/export", params={"form": "exe"}).status_code == 422
 
 
+@pytest.mark.long
 def test_starting_a_process_needs_the_token_and_leaves_an_audit_line_with_its_outcome(
     client: ApiClient, runs: Path
 ) -> None:

@@ -77,6 +77,7 @@ def test_a_change_without_a_confirmation_or_with_an_unknown_memory_is_refused(cl
     assert client.post("/api/tables/act", json=body, headers=COMMAND).status_code == 422
 
 
+@pytest.mark.long
 def test_a_refused_action_ends_in_the_audit_log_with_its_reason(client: ApiClient) -> None:
     body = {"action": "verify", "table": "0" * 64, "confirmed": ""}
     job = client.post("/api/tables/act", json=body, headers=COMMAND).json()["job"]
@@ -89,6 +90,7 @@ def test_a_refused_action_ends_in_the_audit_log_with_its_reason(client: ApiClien
     assert "is the id of no table here" in line["reason"]
 
 
+@pytest.mark.long
 def test_a_change_is_refused_at_once_unless_it_is_confirmed_as_a_look_at_the_controller_asked_for_it(
     client: ApiClient, tables: tuple[Path, list[str]]
 ) -> None:

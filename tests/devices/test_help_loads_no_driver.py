@@ -10,6 +10,7 @@ import pytest
 ONLY_FOR_DEVICES = {"drivers", "procedures", "ruckig", "serial"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("verb", [[], ["run"], ["table", "push"]], ids=" ".join)
 def test_help_loads_no_driver(verb: list[str]) -> None:
     command = [sys.executable, "-X", "importtime", "-m", "cellctl", *verb, "--help"]

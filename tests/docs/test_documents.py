@@ -123,6 +123,7 @@ def _marks(parts: list[Block]) -> list[pytest.MarkDecorator]:
     return whole or ([pytest.mark.long] if many else [])
 
 
+@pytest.mark.long
 @pytest.mark.timeout(1500)
 @pytest.mark.parametrize("parts", [pytest.param(each, id=str(each[0]), marks=_marks(each)) for each in shells()])
 def test_the_commands_of_a_document_run_as_shown(parts: list[Block], tmp_path: Path) -> None:

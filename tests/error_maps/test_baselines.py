@@ -90,6 +90,7 @@ def test_tuning_takes_the_candidate_with_the_smallest_held_out_error(places):
     assert found.method == tuned.candidates[int(np.argmin(again))]
 
 
+@pytest.mark.long
 def test_tuning_prefers_the_penalty_that_noise_needs(places):
     noisy = 0.05 * error_at(places) + np.random.default_rng(1).normal(0.0, 0.1, (160, 3))
     strong = tuned_perceptron(hidden=[8], alphas=[1e-3, 30.0])

@@ -26,6 +26,7 @@ def test_the_weights_found_predict_rows_of_a_third_set_better_than_the_first_one
     assert mean(SHORT.weights(*rows)) < 0.8 * mean(INITIAL_WEIGHTS)
 
 
+@pytest.mark.long
 def test_the_same_seed_finds_the_same_weights_and_another_seed_others(rows):
     first = SHORT.weights(*rows)
     np.testing.assert_array_equal(first, SHORT.weights(*rows))

@@ -97,6 +97,7 @@ def test_a_map_predicts_what_the_geometry_leaves(term):
     assert result.verdict == "better"
 
 
+@pytest.mark.long
 def test_kriging_states_a_sigma_and_the_others_none():
     _, kriging = fitted("geometry+kriging")
     assert kriging.coverage_95 > 0.88
@@ -117,6 +118,7 @@ def test_far_from_the_rows_the_sigma_of_kriging_is_the_size_of_the_errors():
     assert model.open_variance(near).mean() < 0.2 * model.open_variance(far)[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("term", ["kriging", "idw", "perceptron:layers=16,alpha=0.1", "network"])
 def test_the_model_file_has_the_map(term, tmp_path):
     model = file_of(f"geometry+{term}")
@@ -181,6 +183,7 @@ def test_poe_is_the_same_geometry():
     assert axes.test.rms == pytest.approx(links.test.rms, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_network_takes_the_place_of_the_currents():
     file = file_of("geometry+motor+network", "lag")
     readings, places, columns = rows("lag")

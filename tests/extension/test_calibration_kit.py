@@ -52,6 +52,7 @@ def test_the_model_file_has_the_effect_with_its_amounts(folder):
     assert len(done.stdout.splitlines()) == 121
 
 
+@pytest.mark.long
 def test_without_the_package_the_model_file_says_which_effect_is_missing(folder):
     done = cellctl(folder, "predict", "model.json", "data.csv", kit=False)
     assert done.returncode == 2
@@ -107,6 +108,7 @@ def test_without_the_package_the_rows_of_its_kind_are_rejected(with_heights):
     assert "line 62: not used: X is missing" in done.stderr
 
 
+@pytest.mark.long
 def test_the_option_measure_knows_the_kind(with_heights):
     done = cellctl(with_heights, "fit", "robot.yaml", "heights.csv", "--measure", "weight")
     assert done.returncode == 2

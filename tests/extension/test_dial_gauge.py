@@ -88,6 +88,7 @@ def test_its_fault_at_its_event_ends_the_run_with_what_to_do(cellctl, tmp_path):
     assert json.loads((tmp_path / "result.json").read_text())["state"] == "failed"
 
 
+@pytest.mark.long
 def test_a_wrong_setting_and_an_unknown_event_of_it_are_found_by_check(cellctl, tmp_path):
     cell = (tmp_path / "cell.yaml").read_text().replace("drift_mm_min: 0.01", "drift_mm_min: -80")
     fault = "  faults: [{fault: dial_gauge.silent, event: dial_gauge.melt}]\n"

@@ -131,6 +131,7 @@ def test_errors_of_a_call_are_those_of_the_command(files, capsys, options, words
     assert str(refused.value) == printed
 
 
+@pytest.mark.long
 def test_a_set_up_error_is_reported_as_by_the_command(files, capsys, columns):
     cellctl.read({**columns, "A3": -np.array(columns["A3"])}).to_csv("data.csv")
     assert command("fit", "robot.yaml", "data.csv") == 2

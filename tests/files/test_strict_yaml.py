@@ -190,6 +190,7 @@ def test_nesting_without_end_is_an_error_not_a_crash():
     assert "nested" in refused("[" * 5000)[0].what
 
 
+@pytest.mark.long
 @given(st.text(max_size=60))
 def test_any_text_is_read_or_refused_and_nothing_else(text):
     with suppress(InputError):

@@ -80,6 +80,7 @@ def test_a_name_with_other_characters_or_lines_stays_one_comment_of_krl():
     assert {line[0] for line in text.splitlines()} == {";", "T", "B"}
 
 
+@pytest.mark.long
 def test_the_stated_distance_is_that_of_a_controller_with_the_nominal_arm():
     """All parameters of the chain are off: mastering cannot hold them, and what it leaves is stated."""
     model = perturbed(library_robot("kr5_r1400"), 8, 1e-3, 0.5)

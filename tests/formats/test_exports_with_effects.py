@@ -46,6 +46,7 @@ def rms(vectors):
     return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=1))))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["urdf", "dh-csv", "mdh-hayati", "dh-craig", "poe"])
 def test_the_written_geometry_is_nearer_to_the_whole_model_than_the_identified_one_and_nominal(form, tmp_path, capsys):
     """At other postures of the measured region than those of its fit, and as near at these as stderr states."""

@@ -73,6 +73,7 @@ def test_the_tool_frame_has_its_x_on_a6_and_its_origin_at_the_reflector():
     assert np.allclose(frames.tool.matrix[:3, 3], reflector_at(KR5, START)[0], atol=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("common", [0.0, 0.2])
 def test_with_effects_off_nees_of_station_tool_frame_and_reflector_is_about_1(common):
     rng = np.random.default_rng(5)

@@ -236,6 +236,7 @@ def with_urdf(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_urdf_is_converted_and_understood_as_the_robot_file_is(with_urdf: Path) -> None:
     replace(analyses.Analysis.load(with_urdf), answers={"repeatability": "0,05"}).save(with_urdf)
     found = analyses.understand_analysis(with_urdf)

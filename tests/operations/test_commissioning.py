@@ -139,6 +139,7 @@ def test_a_step_that_fails_ends_the_call_and_the_next_call_goes_on_there(tmp_pat
     assert person.confirmed_ids == STILL[:2], "each call connects; what is passed is not done again"
 
 
+@pytest.mark.long
 def test_a_limit_that_is_passed_fails_the_step(tmp_path, monkeypatch):
     monkeypatch.setattr(commissioning_motions, "_ASTRAY_DEG", -1.0)
     done = commissioned(cell_with(tmp_path))
@@ -178,6 +179,7 @@ def test_a_changed_limit_makes_the_steps_of_its_device_due_again_and_another_dev
     assert person.confirmed_ids == STILL
 
 
+@pytest.mark.long
 def test_the_safety_inputs_of_a_plc_are_tried_by_hand(tmp_path):
     cell = cell_with(tmp_path, "", {"devices:\n": "devices:\n  plc: modbus+tcp://192.168.10.5:502?unit=1\n"})
     person = Somebody()

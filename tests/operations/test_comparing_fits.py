@@ -76,6 +76,7 @@ def test_what_does_not_go_together_is_refused(words, files, capsys, monkeypatch)
     assert REFUSED[words] in printed_errors(capsys)
 
 
+@pytest.mark.long
 def test_a_model_that_cannot_be_fitted_is_named(files, capsys):
     (files / "few.csv").write_text("".join((files / "data.csv").read_text().splitlines(keepends=True)[:11]))
     assert cellctl("fit", files / "robot.yaml", files / "few.csv", "--compare", "kriging", "--folds", 5) == 2

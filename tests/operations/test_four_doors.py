@@ -189,6 +189,7 @@ def test_the_check_of_a_procedure(doors: Doors) -> None:
     assert by_api
 
 
+@pytest.mark.long
 def test_the_events_of_a_run(doors: Doors, tmp_path: Path) -> None:
     command("export", RUNS[0], "--runs", str(doors.runs), "--as", "jsonl", "-o", str(tmp_path / "events.jsonl"))
     by_command = (tmp_path / "events.jsonl").read_text()
@@ -197,6 +198,7 @@ def test_the_events_of_a_run(doors: Doors, tmp_path: Path) -> None:
     assert [each["seq"] for each in cellctl.open_run(RUNS[0], doors.runs).events()] == numbers
 
 
+@pytest.mark.long
 def test_the_examination_of_a_cell(doors: Doors) -> None:
     """The page of a cell draws the state that the API answers."""
     cell = Cell.load(shipped("cell")["sphere_cell"], DriverRegistry())

@@ -52,6 +52,7 @@ def session(part, host):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.long
 def test_receive_control_dashboard_and_io_of_ur_rtde(controller):
     """A CB3's 125 Hz: the control program, moves, speeds, kinematics, inputs and outputs."""
     found = session("control", controller(series="cb3"))

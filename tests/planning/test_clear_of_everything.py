@@ -73,11 +73,13 @@ def test_so_do_those_on_a_single_sphere() -> None:
     assert least_free_mm("single_sphere_cell.yaml", 1, touches) > 0.0
 
 
+@pytest.mark.long
 def test_a_plan_that_knows_of_no_plate_runs_into_it() -> None:
     touches = planned("sphere_cell.yaml", 1, TouchOptions(), sees_plate=False)
     assert least_free_mm("sphere_cell.yaml", 1, touches) < -50.0
 
 
+@pytest.mark.long
 def test_a_plan_that_takes_the_robot_for_a_line_runs_into_something() -> None:
     touches = planned("sphere_cell.yaml", 1, FOREARM_HARD_AGAINST_IT)
     assert least_free_mm("sphere_cell.yaml", 1, touches) < -10.0

@@ -82,6 +82,7 @@ def test_the_figures_say_what_was_drawn_rejected_and_covered(cellctl, capsys):
     assert all(0.5 < joint["filled"] <= 1.0 for joint in figures["joints"].values())
 
 
+@pytest.mark.long
 def test_an_optimal_choice_says_what_it_promises_for_the_task_and_the_held_out_targets_judge_it(cellctl, capsys):
     """For a few targets in a corner of the region the choice is another one than for the region, and better there."""
     angles = ("--angles", "-60:60,120:180,-40:40")

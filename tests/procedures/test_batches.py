@@ -72,6 +72,7 @@ def test_the_plan_has_the_first_touches_and_half_of_the_held_out_ones(begun) -> 
     assert (sets.count("fit"), sets.count("test"), plan.batches) == (35, 10, [0, 1, 2, 3])
 
 
+@pytest.mark.long
 def test_a_batch_is_planned_with_its_forecast(after) -> None:
     found, row = after(goal_mm=0.12, most=150)
     assert [touch.set for touch in found.touches].count("fit") == 10

@@ -70,6 +70,7 @@ def test_what_is_said_of_few_touches_is_that_none_is_checked() -> None:
     assert float(enough.partition("rises by ")[2].partition(" %")[0]) <= 30.0
 
 
+@pytest.mark.long
 def test_the_best_touches_leave_less_error_and_the_held_out_ones_are_spread_as_ever(tmp_path: Path) -> None:
     best, even = (plans(tmp_path, choice) for choice in ("optimal", "even"))
     assert Counter(touch.set for touch in best) == {"fit": 24, "test": 9, "reference": 3}

@@ -26,5 +26,6 @@ def test_a_campaign_that_could_prove_nothing_is_refused(setting, words):
     assert words in str(refused.value)
 
 
+@pytest.mark.long
 def test_the_least_number_of_touches_is_enough_for_the_verdict():
     assert load_campaign(SELFCAL, None, ["touches_fit=18"]).parameters["touches_fit"] == 18

@@ -48,6 +48,7 @@ def imports_in_functions() -> dict[str, str]:
     return found
 
 
+@pytest.mark.long
 def test_few_imports_stand_in_functions_and_each_has_its_reason_beside_it():
     found = imports_in_functions()
     without = {place: line for place, line in found.items() if "#" not in line and "cellctl/cli/main.py" not in place}
@@ -102,6 +103,7 @@ def test_the_names_that_are_loaded_at_first_use_are_stated_for_type_checkers_too
         assert getattr(cellctl, name) is not None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "slow"),
     [
@@ -158,6 +160,7 @@ app(sys.argv[1:], standalone_mode=False)
 """
 
 
+@pytest.mark.long
 @pytest.mark.campaign
 def test_a_run_imports_nothing_of_ours_numpy_or_scipy_between_connecting_and_its_end(tmp_path):
     touches = touches_procedure(tmp_path)

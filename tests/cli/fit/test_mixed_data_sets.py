@@ -178,6 +178,7 @@ def test_a_known_spacing_of_two_sockets_gives_the_scale(two_sockets):
     assert abs(known - APART) < 0.02 < abs(apart - APART)
 
 
+@pytest.mark.long
 def test_the_artefact_file_may_hold_sockets_and_their_distance(two_sockets, cellctl, tmp_path, capsys):
     distances = f"distances: [{{between: [P, Q], mm: {APART:.4f}, sigma: 0.005}}]\n"
     (tmp_path / "plate.yaml").write_text(f"sockets: [{{id: P}}, {{id: Q}}]\n{distances}")

@@ -98,6 +98,7 @@ def test_a_prior_model_alone_recognises_a_moved_instrument_and_agrees_with_free_
     assert alone["test"]["mean"] < 1.5 * freed["test"]["mean"]
 
 
+@pytest.mark.long
 def test_a_tool_that_changed_with_the_instrument_is_named_where_only_the_base_was_freed(folder):
     text = measured(replace(NOW, tool=(40.0, -7.0, 60.0)), drawn(np.random.default_rng(4), 20), 4)
     held = fitted(folder, text, "--free", "base", code=1)[0]

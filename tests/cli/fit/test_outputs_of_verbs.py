@@ -84,6 +84,7 @@ def test_where_a_result_cannot_go_is_reported_before_anything_is_written(cellctl
     assert _content(folder) == before
 
 
+@pytest.mark.long
 def test_an_output_that_fails_costs_no_other_and_not_the_verdict(cellctl, folder, capsys, monkeypatch):
     monkeypatch.setattr("cellctl.formats.ModelFile.save", _full)
     written = ("--report", "p.html", "--json", "r.json")

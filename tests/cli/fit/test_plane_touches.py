@@ -81,6 +81,7 @@ def test_three_planes_identify_a_robot_from_its_data_set_and_are_in_model_and_pa
     assert all(name in page for name in PLANES)
 
 
+@pytest.mark.long
 def test_planes_and_spheres_in_one_file_and_one_kind_of_it_if_asked(cellctl, tmp_path, capsys):
     rng = np.random.default_rng(5)
     (tmp_path / "data.csv").write_text(joined([on_a_sphere(rng), *on_planes(rng)], tip_radius=TIP))

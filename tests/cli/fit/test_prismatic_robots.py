@@ -159,6 +159,7 @@ def test_planned_poses_use_the_travel_and_their_spans_are_in_mm(cellctl, tmp_pat
     assert f"A1 {readings[:, 0].min():.1f}…{readings[:, 0].max():.1f} mm" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_metres_in_a_column_of_mm_are_found_by_the_setup_check(cellctl, tmp_path, capsys):
     write_case(tmp_path, "rail", fit=60, test=20)
     rows = list(csv.reader((tmp_path / "rail_0.csv").open()))
@@ -170,6 +171,7 @@ def test_metres_in_a_column_of_mm_are_found_by_the_setup_check(cellctl, tmp_path
     assert "write A1, a prismatic joint, in mm" in words
 
 
+@pytest.mark.long
 def test_radians_and_metres_in_columns_of_degrees_and_mm_are_found_by_the_setup_check(cellctl, tmp_path, capsys):
     write_case(tmp_path, "rail", fit=60, test=20, si=True)
     text = (tmp_path / "rail_0.csv").read_text()
@@ -178,6 +180,7 @@ def test_radians_and_metres_in_columns_of_degrees_and_mm_are_found_by_the_setup_
     assert "joint readings are radians and m in columns of degrees and mm" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_reversed_rail_is_found_by_the_setup_check(cellctl, tmp_path, capsys):
     write_case(tmp_path, "rail", fit=60, test=20)
     text = (tmp_path / "rail.yaml").read_text()

@@ -52,6 +52,7 @@ def test_who_reads_only_the_head_gets_the_verdicts_code_and_every_file(run, file
     assert (files / "m.json").exists()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_full_disk_behind_stdout_is_named_and_ends_with_2(run, model):
     with Path("/dev/full").open("wb") as full:

@@ -45,6 +45,7 @@ def test_kill_minus_nine_of_the_parent_is_seen_and_named() -> None:
     assert "--detached" in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("before", "detached", "session"),
     [([], True, False), (["nohup"], False, False), ([], False, True)],
@@ -54,6 +55,7 @@ def test_a_detached_run_has_no_parent(before: list[str], detached: bool, session
     assert asked(before, detached=detached, session=session, folder=tmp_path) == "None"
 
 
+@pytest.mark.long
 def test_a_run_that_was_started_from_a_shell_or_a_script_has_its_parent(tmp_path: Path) -> None:
     assert asked([], detached=False, session=False, folder=tmp_path) == str(os.getpid())
 

@@ -21,6 +21,7 @@ def table_command(cellctl, folder):
     return run
 
 
+@pytest.mark.long
 def test_a_table_is_pushed_shown_verified_and_rolled_back(table_command, cellctl, folder):
     _, shown = table_command("show")
     assert shown["serial"].startswith("SIM-")

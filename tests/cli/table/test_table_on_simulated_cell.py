@@ -91,6 +91,7 @@ def test_another_simulated_robots_table_is_refused_and_the_old_one_stays(cell, c
     assert cell.active() == TableFile.load(cell.second).id
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("after_ms", [5, 45, 85, 125])
 def test_a_controller_that_restarts_during_a_push_has_the_table_that_the_end_of_the_command_tells(
     cell, capsys, monkeypatch, after_ms
@@ -160,6 +161,7 @@ main()
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_verb_that_is_ended_by_a_signal_closes_its_devices_and_ends_with_130(name):
     program = [sys.executable, "-c", SIGNALLED.format(name), "table", "show", "--cell", str(CELL)]

@@ -76,6 +76,7 @@ def test_a_run_is_confirmed_paused_and_aborted_and_journal_and_audit_log_say_by_
     assert {line["operator"] for line in audit} == {"Ada"}
 
 
+@pytest.mark.long
 def test_everybody_reads_tree_and_log_and_filters_the_log(client: ApiClient, running: Running) -> None:
     status(client, lambda found: bool(found.get("confirm")))
     tree = client.get("/api/runs/test-1/tree").json()

@@ -105,6 +105,7 @@ def test_a_run_on_a_real_cell_is_refused_while_a_table_is_changed(
     assert not list((tmp_path / "runs").glob("*/"))
 
 
+@pytest.mark.long
 def test_the_check_gives_errors_of_the_settings_before_anything_starts(client: ApiClient) -> None:
     order = {"procedure": "tool_at_point", "settings": {"no_such_parameter": 3}}
     found = client.post("/api/check", json=order, headers=ADA).json()

@@ -82,6 +82,7 @@ def test_the_list_has_the_newest_run_first_and_a_damaged_one_with_its_problem(tm
     followed(tmp_path, see)
 
 
+@pytest.mark.long
 def test_old_runs_are_read_once_and_again_only_when_they_change(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -77,6 +77,7 @@ def test_currents_after_the_brakes_have_closed_are_refused(in_cell):
     in_cell(story, {"drives": {"brakes_after_s": 3}})
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_currents_at_the_same_time(in_cell):
     async def story(cell):
         await cell.robot.move(TILTED, 50.0)

@@ -646,6 +646,7 @@ def test_a_slow_controller_is_heard_of_all_the_time_and_answers_the_drivers_bloc
     assert SILENCE_S < words_s[-1] < ANSWER_S
 
 
+@pytest.mark.long
 def test_the_table_before_comes_back_and_a_staged_one_does_not_survive_a_restart(controller: Controller) -> None:
     stage(controller, "aa")
     controller.reply(activation("aa"))
@@ -682,6 +683,7 @@ def test_what_a_table_is_refused_for(controller: Controller) -> None:
     assert controller.reply(activation("x", ROWS[:4])).code == 0
 
 
+@pytest.mark.long
 def test_the_driver_pushes_reads_back_and_rolls_back_a_table_on_these_programs(controller: Controller) -> None:
     table = ControllerTable("ab" * 32, str(SERIAL), tuple(TableRow(tuple(a), tuple(b)) for a, b in ROWS))
 

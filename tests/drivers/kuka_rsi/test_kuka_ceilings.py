@@ -102,6 +102,7 @@ def test_check_refuses_a_limit_above_its_ceiling_at_its_line_with_the_reason_and
     )
 
 
+@pytest.mark.long
 def test_check_and_run_warn_of_a_limit_above_what_a_search_needs_and_go_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

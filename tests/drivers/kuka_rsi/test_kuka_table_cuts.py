@@ -63,6 +63,7 @@ async def cut(direction: str, at: int, whole: CutLine, what: ControllerTable) ->
     return outcome
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("direction", ["hears", "says"])
 def test_a_push_of_one_row_cut_at_any_byte_says_truly_which_table_is_in_force(direction, run):
     async def every_byte() -> None:
@@ -75,6 +76,7 @@ def test_a_push_of_one_row_cut_at_any_byte_says_truly_which_table_is_in_force(di
     run(every_byte())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("direction", ["hears", "says"])
 def test_a_push_of_several_blocks_cut_anywhere_leaves_a_whole_table_in_force(direction, run):
     async def every_so_often() -> None:

@@ -33,6 +33,7 @@ def test_the_footer_tells_success(tail, ok):
     assert (answer.ok, answer.text) == (ok, "50")
 
 
+@pytest.mark.long
 @given(st.lists(st.binary(max_size=300), min_size=1, max_size=5), st.data())
 def test_answers_come_out_however_tcp_splits_them(payloads, data):
     stream = b"".join(

@@ -205,6 +205,7 @@ def test_the_result_states_that_the_profile_is_noise_only_and_that_nothing_was_p
     assert "Nothing was pushed" in line
 
 
+@pytest.mark.long
 def test_an_instrument_with_another_scale_than_the_spheres_is_seen_in_the_scale(judged: Judged, tmp_path: Path) -> None:
     stretched = judged_run(tmp_path, seen=lambda points: 1.001 * points)
     true, other = (each.figures.touches.directions for each in (judged, stretched))
@@ -212,6 +213,7 @@ def test_an_instrument_with_another_scale_than_the_spheres_is_seen_in_the_scale(
     assert abs(true.scale_ppm) < 200.0
 
 
+@pytest.mark.long
 def test_errors_are_along_the_axes_of_the_robots_base(tmp_path: Path) -> None:
     found = judged_run(tmp_path, noise=np.array([0.3, 0.01, 0.01])).figures.tracker.directions
     assert found.y == pytest.approx(0.3, rel=0.35)

@@ -105,6 +105,7 @@ def test_monuments_and_return_pose_are_visited_before_between_and_after_the_pose
     assert len(good.journal.recorded(ReturnRow)) == warm.returns + 1 + 5
 
 
+@pytest.mark.long
 def test_a_broken_beam_is_measured_again_and_the_retry_is_recorded(tmp_path: Path) -> None:
     ended = run_fake(PROCEDURE, tmp_path, FEW, faults=Faults(lost={45, 46}))
     assert ended.outcome.state is State.FINISHED, ended.outcome.error
@@ -119,6 +120,7 @@ def test_a_beam_that_is_lost_for_good_ends_the_run_with_the_cure(tmp_path: Path)
     assert ended.tracker.aims == 47
 
 
+@pytest.mark.long
 def test_a_bumped_station_begins_a_new_session_and_the_poses_around_it_are_left_out(tmp_path: Path) -> None:
     ended = run_fake(PROCEDURE, tmp_path, FEW | {"poses_fit": 40}, faults=Faults(bump_at={55: 2.0}))
     assert ended.outcome.state is State.FINISHED, ended.outcome.error
@@ -133,6 +135,7 @@ def test_a_bumped_station_begins_a_new_session_and_the_poses_around_it_are_left_
     assert [row.shift_mm for row in moved] == [pytest.approx(2.0, abs=0.3)]
 
 
+@pytest.mark.long
 def test_a_station_that_is_bumped_in_a_visit_is_visited_again(tmp_path: Path) -> None:
     ended = run_fake(PROCEDURE, tmp_path, FEW, faults=Faults(bump_at={66: 2.0}))
     assert ended.outcome.state is State.FINISHED, ended.outcome.error
@@ -183,6 +186,7 @@ def test_a_controller_that_corrects_its_own_geometry_is_refused(tmp_path: Path) 
     assert "correct the same errors twice" in str(ended.outcome.error)
 
 
+@pytest.mark.long
 def test_a_run_that_lost_the_beam_is_resumed_where_it_was_with_the_instrument_prepared_again(tmp_path: Path) -> None:
     ended = run_fake(PROCEDURE, tmp_path, FEW, faults=Faults(lost=set(range(45, 999))))
     measured = len(ended.journal.recorded(PoseRow))

@@ -119,6 +119,7 @@ def test_after_the_end_nothing_is_planned(stopped: FakeRun) -> None:
     assert all(not result["rounds"] and result["ended"] == "goal" for result in planned[2:])
 
 
+@pytest.mark.long
 def test_held_out_poses_take_no_part_in_the_decision(stopped: FakeRun) -> None:
     context, rng = rows_before_first_batch(stopped), np.random.default_rng(1)
     row, rounds = decided(context)

@@ -111,6 +111,7 @@ def test_the_robot_goes_to_the_nominal_joints_and_from_there_to_the_next_target(
     assert max(np.linalg.norm(np.subtract(row.joints, row.commanded)) for row in rows) > 0.2
 
 
+@pytest.mark.long
 def test_a_model_file_that_is_swapped_in_mid_run_is_refused_and_nothing_is_corrected_by_it(tmp_path: Path) -> None:
     ModelFileSwapped.folder = tmp_path
     run = ended(tmp_path, 2.0, ModelFileSwapped)

@@ -15,6 +15,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_check_takes_its_own_simulators_drivers_and_steps(request, folder):
     cellctl = Path(sys.executable).parent / "cellctl"
     procedure = request.config.rootpath / "procedures/sphere_single.yaml"

@@ -98,6 +98,7 @@ def test_lines_are_numbered_without_a_gap(bench):
     assert [m.seq for _, m in bench.said] == list(range(len(bench.said)))
 
 
+@pytest.mark.long
 def test_numbers_go_on_from_zero_after_65535(bench):
     bench.wait(65_540 * 50)
     seqs = [m.seq for m in bench.lines("HB")]

@@ -25,6 +25,7 @@ def samples(motion, count=4001):
     )
 
 
+@pytest.mark.long
 @given(ANGLES, st.floats(1, 100))
 def test_a_point_to_point_motion_keeps_speed_and_acceleration_of_every_axis(target, percent):
     assume(max(abs(a - b) for a, b in zip(START, target, strict=True)) > 0.1)

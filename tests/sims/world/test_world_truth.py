@@ -74,6 +74,7 @@ def test_the_tool_centre_point_is_taught_exactly_a_millimetre_and_a_half_wrong(r
     assert dist(world(seed, tool=1).true_tcp(readings), world().true_tcp(readings)) == pytest.approx(1.5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("down", [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.48, -0.6, 0.64)])
 @given(readings=READINGS)
 def test_the_tool_sinks_by_the_part_of_its_weight_across_it(down, readings):
