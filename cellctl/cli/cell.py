@@ -25,7 +25,14 @@ from cellctl.console.webhook import checked_url
 from cellctl.devices.cell import Cell
 from cellctl.devices.registry import DriverRegistry
 from cellctl.files import InputError
-from cellctl.operations.cell_devices import as_loaded, require_cells, require_files, send_files, simulator_command
+from cellctl.operations.cell_devices import (
+    INSTRUCTIONS,
+    as_loaded,
+    require_cells,
+    require_files,
+    send_files,
+    simulator_command,
+)
 from cellctl.operations.doctor import Examined, examination
 from cellctl.operations.results import as_json
 
@@ -149,8 +156,9 @@ def krl(
         (out / file).write_bytes(as_loaded(file, text))
     sent = asyncio.run(send_files(loaded, drivers, name, load_to, made)) if load_to is not None else []
     if json_ != "-":
-        typer.echo(f"{len(made)} files in {out}: {', '.join(made)}")
-        typer.echo(f"Not tried on a real controller: read {out / 'README.txt'} before you load them.")
+        typer.echo(f"{len(made)} file{'s' * (len(made) != 1)} in {out}: {', '.join(made)}")
+        before = f"read {out / INSTRUCTIONS}" if INSTRUCTIONS in made else "read its driver's documents"
+        typer.echo(f"Not tried on a real controller: {before} before you load them.")
         for path in sent:
             typer.echo(f"Written to the controller and read back: {path}")
     write_json({"folder": str(out), "files": list(made), "sent": sent}, json_)

@@ -276,11 +276,11 @@ singularity are not."""
 class Surroundings:
     """The data for a driver besides its address.
 
-    `clock`: the cell's time; `folder`: the cell file's folder, against which paths in an address are read;
-    `limits`: the cell file's limits for this device, in the driver's own names; missing ones take the driver's
-    defaults, which are low. `reach_mm`: the maximum reach of the cell's robot, `axes`: their number; None if unknown.
-    `table_correction_deg`: largest correction of a joint by a table. `state`: folder for what a driver keeps beyond its
-    own life, of a simulated cell; None: beside the cell file.
+    `clock`: the cell's time; `folder`: the cell file's folder, against which paths in an address are read; `limits`:
+    the cell file's limits for this device, in the driver's own names; missing ones take the driver's defaults, which
+    are low. `reach_mm`: of the cell's robot, all links and the tool stretched out (more than its maker's reach),
+    `axes`: their number; None if unknown. `table_correction_deg`: largest correction of a joint by a table. `state`:
+    folder for what a driver keeps beyond its own life, of a simulated cell; None: beside the cell file.
     """
 
     clock: Clock

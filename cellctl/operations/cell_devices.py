@@ -375,7 +375,8 @@ async def connected(
         yield found
 
 
-_INSTRUCTIONS = "README.txt"
+INSTRUCTIONS = "README.txt"
+"""Of a controller's files, what a person reads before they are loaded."""
 
 
 def as_loaded(name: str, text: str) -> bytes:
@@ -402,7 +403,7 @@ async def send_files(
     sent = []
     async with connected(cell, drivers, [device]) as devices:
         for name, text in files.items():
-            if name != _INSTRUCTIONS:
+            if name != INSTRUCTIONS:
                 path = folder.rstrip("/\\") + "\\" + name
                 await devices[device].device.write_file(path, as_loaded(name, text))
                 sent.append(path)

@@ -46,6 +46,7 @@ MODULES = (
     "drivers.tcp_connection",
     "sims.simulator",
     "sims.bench",
+    "sims.scene",
     "sims.wires",
 )
 
