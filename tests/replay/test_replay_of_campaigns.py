@@ -15,7 +15,17 @@ import pytest
 
 from cellctl.journal import JournalError, RunResumed, fold, read_journal
 from cellctl.operations.launch import versions
-from tests.helpers.runs import FASTEST, PATIENCE_S, ROOT, SELFCAL, cell_with, cellctl, only_run, shared_campaign
+from tests.helpers.runs import (
+    FASTEST,
+    PATIENCE_S,
+    ROOT,
+    SELFCAL,
+    cell_with,
+    cellctl,
+    cellctl_process,
+    only_run,
+    shared_campaign,
+)
 
 pytestmark = pytest.mark.campaign
 
@@ -79,7 +89,7 @@ def test_after_kill_and_resume_the_model_is_better_on_held_out_touches_and_its_p
 
 
 def test_data_set_model_table_and_results_are_equal_byte_for_byte(run, tmp_path):
-    done = cellctl("replay", run, "-o", tmp_path / "again", "--json", tmp_path / "replay.json")
+    done = cellctl_process("replay", run, "-o", tmp_path / "again", "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / "replay.json").read_text())
     assert found["equal"] is True
@@ -94,7 +104,7 @@ def test_data_set_model_table_and_results_are_equal_byte_for_byte(run, tmp_path)
 
 def test_on_another_processor_the_run_is_equal_within_the_tolerance(run, tmp_path, monkeypatch):
     monkeypatch.setenv("OPENBLAS_CORETYPE", other_kernel())
-    done = cellctl("replay", run, "--json", tmp_path / "replay.json")
+    done = cellctl_process("replay", run, "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / "replay.json").read_text())
     assert found["agreement"].startswith("equal within the stated tolerance")
@@ -116,7 +126,7 @@ def test_an_edited_model_is_told_apart_from_a_replay_that_differs(run, tmp_path)
     content = (edited / "model.json").read_bytes()
     place = content.index(b'"format":') + len('"format":')
     (edited / "model.json").write_bytes(content[:place] + b" " + content[place:])
-    done = cellctl("replay", edited)
+    done = cellctl_process("replay", edited)
     assert done.returncode == 1, done.stdout + done.stderr
     assert "model.json    equal to the journal (sha256 " in done.stdout
     assert f"first at byte {place + 1} (line 1): " in done.stdout
@@ -125,13 +135,13 @@ def test_an_edited_model_is_told_apart_from_a_replay_that_differs(run, tmp_path)
 
 
 def test_the_run_folder_itself_is_no_place_for_the_files_of_a_replay(run):
-    refused = cellctl("replay", run, "-o", run)
+    refused = cellctl_process("replay", run, "-o", run)
     assert refused.returncode == 2
     assert "is the run folder: its files would be written over" in refused.stderr
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path):
-    refused = cellctl("replay", tmp_path)
+    refused = cellctl_process("replay", tmp_path)
     assert refused.returncode == 2
     assert "there is no journal" in refused.stderr
 
@@ -139,7 +149,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
 @pytest.mark.long
 def test_the_shipped_campaign_is_replayed_byte_for_byte(tmp_path_factory, tmp_path):
     run = shared_campaign(tmp_path_factory).run
-    done = cellctl("replay", run, "--json", tmp_path / "replay.json")
+    done = cellctl_process("replay", run, "--json", tmp_path / "replay.json")
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / "replay.json").read_text())
     assert [each["name"] for each in found["artefacts"]] == FILES
