@@ -91,6 +91,7 @@ def frame(title: str, here: str) -> Iterator[None]:
     assert around is not None
     around.parent.tag = "div"  # NiceGUI's is a second <main>
     shown: list[Callable[[], None]] = []
+    ui.link("To the content", "#content").classes("skip")
     with ui.element("header").classes("top"):
         ui.link("cellctl", "/").classes("name").style("color: inherit; text-decoration: none")
         with ui.element("nav").props('aria-label="Pages"'):
@@ -110,7 +111,7 @@ def frame(title: str, here: str) -> Iterator[None]:
         show()
     _close_with_session()
     follow_event(lambda: [show() for show in shown], console().watch.subscribe, "alarms and what waits for a person")
-    with ui.element("main").classes("page"):
+    with ui.element("main").classes("page").props("id=content tabindex=-1"):
         ui.html(tag="h1", content=escaped(title), sanitize=False)
         yield
     with ui.element("footer").classes("bottom"):
@@ -157,7 +158,7 @@ class TokenDialog:
 
     def __init__(self, then: Callable[[Operator], Awaitable[None] | None] | None = None) -> None:
         self._then = then
-        with ui.dialog() as self._dialog, ui.card():
+        with ui.dialog().props('aria-label="Give commands"') as self._dialog, ui.card():
             self._title = ui.label().classes("section-title")
             self._note = ui.label("The console printed it at its start, with its address.").classes("note")
             self._name = ui.input("Your name (for the record)").props("outlined dense autofocus").classes("wide")

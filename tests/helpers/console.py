@@ -163,6 +163,13 @@ def shown_at_ms(page: Any, element: str, text: str) -> float:
     return float(handle.json_value())
 
 
+def round_trip_ms(page: Any, count: int) -> float:
+    """Time from a click on the page's button to what the console answers, ms."""
+    began = now_ms(page)
+    page.evaluate("document.getElementById('click').click()")
+    return shown_at_ms(page, "count", str(count)) - began
+
+
 class ApiClient:
     """Sends requests to an application that runs in the loop of another thread."""
 

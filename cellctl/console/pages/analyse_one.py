@@ -417,7 +417,7 @@ class _Page:
         await with_operator(lambda here: self._try(lambda: commands.compensate(here, self._name, files, request)))
 
     def _ask_delete(self) -> None:
-        with ui.dialog() as dialog, ui.card():
+        with ui.dialog().props('aria-label="Delete this analysis"') as dialog, ui.card():
             ui.label(f"Delete {self._shown.state.data} and all results?").classes("section-title")
             ui.label("Model, report and compensated programs of this analysis are removed from this computer.")
             with ui.element("div").classes("row"):

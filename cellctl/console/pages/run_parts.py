@@ -89,7 +89,7 @@ class RunControls:
             command_button("Confirm", lambda: self._act("confirm", step), icon="check", important=True, gives="confirm")
 
     async def _on_abort(self) -> None:
-        with ui.dialog() as dialog, ui.card():
+        with ui.dialog().props('aria-label="Abort the run"') as dialog, ui.card():
             ui.label(f"Abort {self._run}?").classes("section-title")
             ui.label(_NO_SAFETY_STOP)
             reason = ui.input("Reason, for the record").props("outlined dense").classes("wide")
@@ -105,7 +105,7 @@ class RunControls:
         except JournalError as error:
             self._commands.refuse(error)
             return
-        with ui.dialog() as dialog, ui.card():
+        with ui.dialog().props('aria-label="Continue the run"') as dialog, ui.card():
             ui.label(f"Continue {self._run} at the step that it did not finish?").classes("section-title")
             ui.label("Finished steps are not repeated. The robot of a real cell will move.")
             go = command_button("Continue the run", lambda: dialog.submit(True), important=True)

@@ -307,7 +307,7 @@ class _StartPage:
             await commands_.give(work)
 
         async def keep() -> None:
-            with ui.dialog() as dialog, ui.card():
+            with ui.dialog().props('aria-label="Keep a preset"') as dialog, ui.card():
                 ui.label("Keep these parameters as a preset").classes("section-title")
                 title = ui.input("Name", value=chosen).props("outlined dense autofocus").classes("wide")
                 with ui.element("div").classes("row"):
@@ -393,7 +393,7 @@ class _StartPage:
         if self._cell.simulated:
             await self._commands.give(self._begin)
             return
-        with ui.dialog() as dialog, ui.card():
+        with ui.dialog().props('aria-label="Start on the real cell"') as dialog, ui.card():
             ui.label(f"Start on the real cell '{self._cell.title}'?").classes("section-title")
             ui.label("The robot will move. Nobody may be inside the guard.")
             with ui.element("div").classes("row"):

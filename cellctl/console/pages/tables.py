@@ -108,7 +108,10 @@ class TableAction:
         self._then = then
         self._busy: tuple[Path, Problem] | None = None
         follow_event(self._free, _each_job_and_examination, "the controller")
-        with ui.dialog().props("persistent") as self._dialog, ui.card().classes("table-action"):
+        with (
+            ui.dialog().props('persistent aria-label="Table of the controller"') as self._dialog,
+            ui.card().classes("table-action"),
+        ):
             self._content = ui.element("div").classes("section wide")
 
     def close(self) -> None:

@@ -190,7 +190,7 @@ class Legend:
 
     def __init__(self) -> None:
         self._counts: dict[tuple[Role, bool], tuple[ui.element, ui.label]] = {}
-        with ui.element("div").classes("scene-legend").props('aria-label="Legend of the scene"'):
+        with ui.element("div").classes("scene-legend").props('role=group aria-label="Legend of the scene"'):
             for hollow in (False, True):
                 for role in Role:
                     self._counts[role, hollow] = _entry(role, hollow)

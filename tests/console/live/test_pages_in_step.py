@@ -4,22 +4,14 @@ from __future__ import annotations
 
 import statistics
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tests.helpers.console import browser, live_console, now_ms, shown_at_ms
+from tests.helpers.console import browser, live_console, now_ms, round_trip_ms, shown_at_ms
 from tests.helpers.engine import WrittenRun
 
 EVENTS = 12
 LOOK_MS = 50.0
-
-
-def round_trip_ms(page: Any, count: int) -> float:
-    """Time from a click on the page's button to what the console answers, ms."""
-    began = now_ms(page)
-    page.evaluate("document.getElementById('click').click()")
-    return shown_at_ms(page, "count", str(count)) - began
 
 
 @pytest.mark.long
