@@ -9,8 +9,6 @@ from typing import Any
 from axe_playwright_python.sync_playwright import Axe
 
 _FURTHEST = 40
-_STILL = "document.getAnimations().every(each => each.effect.getComputedTiming().endTime === Infinity)"
-"""Nothing fades in or out."""
 _HAS_FOCUS = "element => element.contains(document.activeElement)"
 
 
@@ -66,7 +64,7 @@ class Keyboard:
 
     def sees_nothing_wrong(self) -> None:
         """Let axe-core look at the page as it is now. AssertionError with each rule that is broken, and where."""
-        self._page.wait_for_function(_STILL)
+        self._page.locator("[class*=-enter-active]").first.wait_for(state="detached")  # nothing fades in
         found = self._axe.run(self._page).response["violations"]
         places = {rule["id"]: [(node["html"], node["failureSummary"]) for node in rule["nodes"]] for rule in found}
         assert not places, f"{self._page.url}: {places}"
