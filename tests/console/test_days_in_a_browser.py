@@ -12,6 +12,7 @@ import pytest
 
 from cellctl.journal import OperatorAction, fold, read_journal
 from cellctl.operations.run_notes import notes_of
+from cellctl.report import write_report
 from tests.helpers.console import ConsoleProcess, browser, console_process
 from tests.helpers.engine import WrittenRun
 from tests.helpers.journals import check
@@ -47,6 +48,7 @@ def console(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConsoleProcess
     folder = tmp_path_factory.mktemp("days")
     runs = folder / "runs"
     run_folder(runs / "calibration", fitted(touches_of_a_robot_with_known_errors(64)), cell=CERTIFIED)
+    write_report(runs / "calibration")  # decides on the acceptance limit
     for number in range(21):
         check(runs, number, grown=5e-4 * (number >= 20))
     cell = quick_cell(folder, name="sphere_hall.yaml")
@@ -213,6 +215,10 @@ def test_an_engineers_day(person: Person) -> None:
     keys.press(page.get_by_role("button", name="Plan", exact=True))
     page.wait_for_url("**/jobs")
     page.get_by_role("cell", name="06:30 Mon Tue Wed Thu Fri Sat", exact=False).wait_for()
+    keys.sees_nothing_wrong()
+
+    keys.opens("Fleet", "**/fleet")
+    page.get_by_role("heading", name="Fleet").first.wait_for()
     keys.sees_nothing_wrong()
 
     keys.opens("Daily checks", "**/daily")
