@@ -43,7 +43,7 @@ def setup_of(
     return Setup(
         device=device,
         address=address,
-        settings=cell.simulate.settings[simulator.section],
+        settings=cell.simulate.settings.get(simulator.section, {}),
         cell=cell,
         kernel=kernel,
         scene=Scene(kernel, cell, faults, truth_log=truth_log, memory=memory),
