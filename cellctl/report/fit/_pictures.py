@@ -265,6 +265,12 @@ def _histogram(axes: Axes, sets: list[tuple[str, Floats, str]]) -> None:
     axes.legend(loc="upper left", fontsize=6.5)
 
 
+def _legend(axes: Axes, **how: Any) -> None:
+    """A legend if anything has a label: a model that states no σ has no shares."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(**how)
+
+
 def _shares(axes: Axes, rows: Residuals, fit: Floats) -> None:
     axes.plot([0, 100], [0, 100], color=INK, linewidth=0.6)
     predicted = np.linspace(0.0, 1.0, 101)
@@ -277,7 +283,7 @@ def _shares(axes: Axes, rows: Residuals, fit: Floats) -> None:
             axes.plot(100.0 * predicted, 100.0 * found, color=colour, linewidth=1.4, label=label)
     axes.axvline(95.0, color="#bbbbbb", linewidth=0.6, linestyle="--")
     axes.set(xlabel="region predicted to hold, %", ylabel="found to hold, %", xlim=(0, 100), ylim=(0, 101))
-    axes.legend(loc="upper left", fontsize=6.5)
+    _legend(axes, loc="upper left", fontsize=6.5)
 
 
 def coverage(rows: Residuals) -> tuple[float | None, float | None]:
@@ -340,7 +346,7 @@ def correlation_picture(symbols: Sequence[str], matrix: Floats) -> str:
         axes.set_xticks(range(count), symbols, rotation=90, fontsize=small)
         axes.set_yticks(range(count), symbols, fontsize=small)
         axes.grid(linewidth=0.3)
-        axes.legend(loc="upper right", ncols=2, title="correlation", title_fontsize=7, fontsize=6.5)
+        _legend(axes, loc="upper right", ncols=2, title="correlation", title_fontsize=7, fontsize=6.5)
 
     return svg_of(draw, "correlation", min(6.6, 2.2 + 0.11 * count), "Correlation of the identified parameters")
 
