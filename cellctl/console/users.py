@@ -20,6 +20,7 @@ import secrets
 import unicodedata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Final, Literal, final
 
@@ -131,8 +132,10 @@ def hashed_password(password: str) -> str:
     return _HASHER.hash(plain)
 
 
-_NOBODY: Final = _HASHER.hash(secrets.token_hex())
-"""What a try for an unknown name is compared with: it takes the time of a wrong password."""
+@cache
+def _hash_of_nobody() -> str:
+    """What a try for an unknown name is compared with: it takes the time of a wrong password."""
+    return _HASHER.hash(secrets.token_hex())
 
 
 def user_by_password(users: Mapping[str, User], name: str, password: str) -> User | None:
@@ -143,7 +146,7 @@ def user_by_password(users: Mapping[str, User], name: str, password: str) -> Use
     user = users.get(plain_name(name))
     plain = unicodedata.normalize("NFC", password[: LONGEST_PASSWORD + 1])
     try:
-        _HASHER.verify(user.password if user else _NOBODY, plain)
+        _HASHER.verify(user.password if user else _hash_of_nobody(), plain)
     except (Argon2Error, InvalidHashError, UnicodeError):
         return None
     return user
@@ -167,6 +170,7 @@ class UsersFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        _hash_of_nobody()  # else the first try for an unknown name would take twice as long
         self._stamp: tuple[int, ...] = ()
         self._users: dict[str, User] = {}
 

@@ -137,8 +137,10 @@ _ANSWER_SECONDS = 20.0
 """Wall time limit for a program to start and end. If it dies, the wait ends at once."""
 
 _END_NOTICED_SECONDS = 0.3
+"""Wall time in which simulators that have hung up are gone."""
 
 _ERRORS = "stderr"
+"""File of what the simulators write, beside their ready file."""
 
 
 @final

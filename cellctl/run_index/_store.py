@@ -7,7 +7,21 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any, final
 
-from sqlalchemy import Connection, Engine, Row, Table, delete, func, insert, select, text, update
+from sqlalchemy import (
+    Column,
+    ColumnElement,
+    Connection,
+    Engine,
+    Row,
+    Select,
+    Table,
+    delete,
+    func,
+    insert,
+    select,
+    text,
+    update,
+)
 from sqlalchemy.exc import SQLAlchemyError
 
 from cellctl.run_index._content import (
@@ -263,9 +277,7 @@ class RunIndex:
         asked = [*self._here(RUNS), RUNS.c.cell != ""]
         if verdicts:
             asked += [RUNS.c.verdict.in_(sorted(verdicts)), RUNS.c.after_mm.is_not(None), RUNS.c.state == "finished"]
-        last = select(RUNS.c.cell, func.max(RUNS.c.began).label("began")).where(*asked).group_by(RUNS.c.cell).subquery()
-        same = (RUNS.c.cell == last.c.cell) & (RUNS.c.began == last.c.began)
-        chosen = [*self._here(RUNS), RUNS.c.run.in_(select(RUNS.c.run).join(last, same).where(*asked))]
+        chosen = [*self._here(RUNS), RUNS.c.run.in_(_last_of_each("cell", asked, [RUNS.c.run]))]
         with self._read() as connection:
             rows = connection.execute(page_of(chosen, "began", descending=True)).all()
         return [FoundRun(row.place, row.run, row.json, row.present, "") for row in rows]
@@ -380,10 +392,7 @@ class RunIndex:
         columns = [RUNS.c[name] for name in ("serial", "run", "began", "verdict", "acceptance")]
         with self._read() as connection:
             for kind in (RUNS.c.verdict.in_(sorted(verdicts)), RUNS.c.acceptance != ""):
-                latest = select(RUNS.c.serial, func.max(RUNS.c.began).label("began")).where(*finished, kind)
-                last = latest.group_by(RUNS.c.serial).subquery()
-                same = (RUNS.c.serial == last.c.serial) & (RUNS.c.began == last.c.began)
-                found += connection.execute(select(*columns).join(last, same).where(*finished, kind)).all()
+                found += connection.execute(_last_of_each("serial", [*finished, kind], columns)).all()
         return found
 
     def _here(self, table: Table) -> list[Any]:
@@ -393,3 +402,11 @@ class RunIndex:
     def _where(self, asked: RunFilter | None, *, everywhere: bool = False) -> list[Any]:
         here = [RUNS.c.state != ""] if everywhere else self._here(RUNS)
         return [*here, *(asked.conditions() if asked else ())]
+
+
+def _last_of_each(key: str, conditions: Sequence[ColumnElement[bool]], columns: Sequence[Column[Any]]) -> Select[Any]:
+    """These columns of the run that began last, of each value of the column `key`, among those with the conditions."""
+    of = RUNS.c[key]
+    last = select(of, func.max(RUNS.c.began).label("began")).where(*conditions).group_by(of).subquery()
+    same = (of == last.c[key]) & (RUNS.c.began == last.c.began)
+    return select(*columns).join(last, same).where(*conditions)

@@ -186,26 +186,9 @@ def test_age_counts_for_a_real_robot_and_by_the_days_of_its_cell_file(index: Run
 
 
 def test_a_failed_check_counts_until_the_robot_is_calibrated(index: RunIndex, tmp_path: Path) -> None:
-    failed = IndexedRun(
-        run="check",
-        fingerprint="c",
-        state="finished",
-        verdict="recalibrate",
-        serial="R1",
-        began=NOW,
-        simulated=True,
-        content="{}",
-    )
-    rejected = IndexedRun(
-        run="accept",
-        fingerprint="a",
-        state="finished",
-        acceptance="rejected",
-        serial="R2",
-        began=NOW,
-        simulated=True,
-        content="{}",
-    )
+    common: dict[str, Any] = {"state": "finished", "began": NOW, "simulated": True, "content": "{}"}
+    failed = IndexedRun(run="check", fingerprint="c", verdict="recalibrate", serial="R1", **common)
+    rejected = IndexedRun(run="accept", fingerprint="a", acceptance="rejected", serial="R2", **common)
     found = told(index, tmp_path, robot("R1"), robot("R2"), robot("R3"), [failed, rejected])
     assert {each.serial: each.words for each in found.to_calibrate} == {
         "R1": "check says recalibrate",
