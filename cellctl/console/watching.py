@@ -86,7 +86,8 @@ class Watch:
             while True:
                 await self.look(live)
                 try:
-                    await asyncio.wait_for(changed.wait(), TICK_S)
+                    async with asyncio.timeout(TICK_S):  # wait_for of Python 3.11 can lose a cancellation
+                        await changed.wait()
                 except TimeoutError:
                     continue
                 changed.clear()
