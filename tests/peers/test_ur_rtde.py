@@ -22,6 +22,8 @@ PATIENCE_S = 300.0
 
 pytestmark = pytest.mark.realtime
 
+pytest.importorskip("rtde_control")  # dependency group 'peers'
+
 
 @pytest.fixture
 def controller(tmp_path):
